@@ -264,6 +264,10 @@ class Body:
     mesh: str | None = None
     height: float = math.inf
 
+    def __hash__(self) -> int:
+        # what is known of drives is looked up by bodies all the time, and few share a footprint
+        return hash(self.footprint)
+
     @property
     def mobility(self) -> Mobility:
         """What it can do."""

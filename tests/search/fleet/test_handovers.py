@@ -79,8 +79,21 @@ def ends_by_hand(rehearsal, tours):
     def comes(robot):
         return ready[robot] + guess.ride(robot, here[robot], left[robot][0][0])
 
+    def is_left(robot):
+        """All that a robot has to do from its next place on."""
+        here, seconds = left[robot][0][0], 0.0
+        for place, stays in left[robot]:
+            seconds += guess.ride(robot, here, place) + stays
+            here = place
+        return seconds
+
     while any(left.values()):
         robot = min((r for r in rehearsal.robots if left.get(r)), key=comes)
+        place = left[robot][0][0]
+        free = last[place][1] if wanted[place] > 1 and place in last else -INF
+        waiting = [r for r in rehearsal.robots if left.get(r) and left[r][0][0] == place]
+        if free > comes(robot):  # of those who wait the one that has most left to do
+            robot = max((r for r in waiting if r == robot or comes(r) <= free), key=is_left)
         came, (place, stays) = comes(robot), left[robot].pop(0)
         if wanted[place] > 1 and place in last and last[place][0] != robot:
             other, free, goal = last[place]

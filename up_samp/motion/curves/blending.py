@@ -20,13 +20,203 @@ import numpy as np
 
 from up_samp.geometry import Scene
 from up_samp.geometry.kernels import first_hit
-from up_samp.geometry.records import WorldData
+from up_samp.geometry.records import WorldData, inner, kernel, lean_inner
 from up_samp.model import Body, Configuration, Kinematics, Placed, Trajectory
-from up_samp.model.arrays import FloatArray
+from up_samp.model.arrays import FloatArray, IntArray
 from up_samp.motion.curves.trajectories import at_rest, unwound, with_ends
 from up_samp.motion.guides import widest_shape
 
 TINY = 1e-9
+
+
+# ------------------ Compiled: speeds and samples of straight pieces
+
+Samples = tuple[FloatArray, FloatArray, IntArray]
+"""Instants (n,), poses (n, 3) and the nodes (n,) in or near whose blend they are."""
+
+
+def profile(
+    length: float, w0: float, w1: float, top: float, a: float
+) -> tuple[float, float, float, float]:
+    """Return (peak speed, seconds of rise, cruise, fall) over ``length`` m from speed w0 to w1."""
+    peak = min(top, math.sqrt(max(a * length + 0.5 * (w0 * w0 + w1 * w1), 0.0)))
+    peak = max(peak, w0, w1)
+    rise, fall = (peak - w0) / a, (peak - w1) / a
+    driven = 0.5 * (w0 + peak) * rise + 0.5 * (w1 + peak) * fall
+    cruise = max(length - driven, 0.0) / peak if peak > TINY else 0.0
+    return peak, rise, cruise, fall
+
+
+_profile = inner(profile)
+
+
+@lean_inner
+def _reach(bends: FloatArray, speeds: FloatArray, a: float, i: int) -> float:
+    """Return how far (m) from node ``i`` its blend begins and ends."""
+    reach: float = speeds[i] * speeds[i] * bends[i] / (2 * a)
+    return reach
+
+
+@kernel
+def _first_speeds(lengths: FloatArray, tops: FloatArray, bends: FloatArray, a: float) -> FloatArray:
+    speeds = np.zeros(len(bends))
+    for i in range(1, len(lengths)):
+        before, after = lengths[i - 1], lengths[i]
+        if min(before, after) < TINY or bends[i] > 2.0 - TINY:
+            continue  # a turn on the spot, or nothing is won by going on farther
+        room = 0.45 * min(before, after)
+        fits = math.sqrt(2 * a * room / bends[i]) if bends[i] > TINY else math.inf
+        speeds[i] = min(fits, tops[i - 1], tops[i])
+    return _settled(lengths, bends, speeds, a)
+
+
+@kernel
+def _settled(lengths: FloatArray, bends: FloatArray, speeds: FloatArray, a: float) -> FloatArray:
+    found, many = speeds.copy(), len(lengths)
+    for _ in range(4):
+        before = found.copy()
+        for k in range(2 * many):
+            i = k if k < many else 2 * many - 1 - k
+            low, high = (i, i + 1) if found[i] <= found[i + 1] else (i + 1, i)
+            free = lengths[i] - _reach(bends, found, a, i) - _reach(bends, found, a, i + 1)
+            most = math.sqrt(found[low] * found[low] + 2 * a * max(free, 0.0))
+            found[high] = min(found[high], most)
+        if np.all(found == before):
+            break
+    return found
+
+
+@kernel
+def _lasts(
+    nodes: FloatArray,
+    lengths: FloatArray,
+    tops: FloatArray,
+    bends: FloatArray,
+    speeds: FloatArray,
+    limits: tuple[float, float],
+) -> float:
+    """Return how long (s) straight pieces and their blends take; ``limits`` of acceleration (m/s2)
+    and of turns on the spot (rad/s).
+    """
+    total, (a, omega) = 0.0, limits
+    for i in range(len(lengths)):
+        if lengths[i] < TINY:
+            total += abs(nodes[i + 1, 2] - nodes[i, 2]) / omega
+            continue
+        last = _reach(bends, speeds, a, i + 1)
+        free = max(lengths[i] - _reach(bends, speeds, a, i) - last, 0.0)
+        _, rise, cruise, fall = _profile(free, speeds[i], speeds[i + 1], tops[i], a)
+        total += rise + cruise + fall
+        total += 2 * last / speeds[i + 1] if speeds[i + 1] > 0 else 0.0
+    return total
+
+
+@inner
+def _sampled_at(samples: Samples, n: int, seconds: float, step: float, owner: int) -> int:
+    """Write the instants of a time that begins at sample ``n`` and lasts so many seconds, evenly
+    spaced and no more than a ``step`` (s) from each to the next; return how many they are.
+    """
+    times, _, owners = samples
+    count = max(1, math.ceil(seconds / step - 1e-9)) if seconds > TINY else 0
+    for k in range(1, count + 1):
+        times[n + k] = times[n] + (seconds if k == count else k * (seconds / count))
+        owners[n + k] = owner
+    return count
+
+
+@inner
+def _straight(
+    samples: Samples,
+    n: int,
+    start: FloatArray,
+    way: FloatArray,
+    length: float,
+    reaches: tuple[float, float],
+    speeds: tuple[float, float],
+    limits: tuple[float, float],
+    step: float,
+    node: int,
+) -> int:
+    """Sample a straight piece without the blends at its ends, by a top speed and an acceleration;
+    return the last sample.
+    """
+    times, poses, _ = samples
+    (first, last), (w0, w1), (top, a) = reaches, speeds, limits
+    free, done = max(length - first - last, 0.0), 0.0
+    peak, rise, cruise, fall = _profile(free, w0, w1, top, a)
+    for seconds, begin, slope in ((rise, w0, a), (cruise, peak, 0.0), (fall, peak, -a)):
+        owner = node if done < free / 2 - TINY else node + 1
+        count, driven = _sampled_at(samples, n, seconds, step, owner), done
+        for k in range(n + 1, n + count + 1):
+            passed = times[k] - times[n]
+            driven = done + begin * passed + 0.5 * slope * passed * passed
+            poses[k] = start + min((first + driven) / length, 1.0) * way
+        n, done = n + count, driven
+    return n
+
+
+@inner
+def _bent(
+    samples: Samples,
+    n: int,
+    node: FloatArray,
+    before: FloatArray,
+    after: FloatArray,
+    seconds: float,
+    step: float,
+    owner: int,
+) -> tuple[int, int]:
+    """Sample a parabola near a node, from one velocity to another one; return its middle and its
+    last sample.
+    """
+    times, poses, _ = samples
+    begin, start = n, node - before * (seconds / 2)
+    middle = n + _sampled_at(samples, n, seconds / 2, step, owner)
+    n = middle + _sampled_at(samples, middle, seconds / 2, step, owner)
+    for k in range(begin + 1, n + 1):
+        passed = times[k] - times[begin]
+        poses[k] = start + passed * before + passed * passed / (2 * seconds) * (after - before)
+    return middle, n
+
+
+@kernel
+def _sampled(
+    nodes: FloatArray,
+    lengths: FloatArray,
+    tops: FloatArray,
+    bends: FloatArray,
+    speeds: FloatArray,
+    limits: tuple[float, float],
+    step: float,
+) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
+    """Return instants (n,), poses (n, 3) and the nodes (n,) in or near whose blend they are; and by
+    node which sample is the middle of its blend (-1: none is).
+    """
+    a, omega = limits
+    room = int(_lasts(nodes, lengths, tops, bends, speeds, limits) / step) + 6 * len(lengths) + 2
+    times, poses, owners = np.zeros(room), np.zeros((room, 3)), np.zeros(room, dtype=np.int64)
+    samples, middles, n = (times, poses, owners), np.full(len(nodes), -1), 0
+    poses[0] = nodes[0]
+    for i in range(len(lengths)):
+        way, begin, w1 = nodes[i + 1] - nodes[i], n, speeds[i + 1]
+        if lengths[i] < TINY:  # a turn on the spot
+            seconds = abs(way[2]) / omega
+            n += _sampled_at(samples, n, seconds, step, i)
+            for k in range(begin + 1, n + 1):
+                poses[k] = nodes[i] + (times[k] - times[begin]) / seconds * way
+            continue
+        reaches = _reach(bends, speeds, a, i), _reach(bends, speeds, a, i + 1)
+        pair, most = (speeds[i], w1), (tops[i], a)
+        n = _straight(samples, n, nodes[i], way, lengths[i], reaches, pair, most, step, i)
+        if w1 > 0.0 and reaches[1] > TINY:
+            then = (nodes[i + 2] - nodes[i + 1]) / lengths[i + 1] * w1
+            seconds, now = 2 * reaches[1] / w1, way / lengths[i] * w1
+            middle, n = _bent(samples, n, nodes[i + 1], now, then, seconds, step, i + 1)
+            middles[i + 1] = middle
+    return times[: n + 1], poses[: n + 1], owners[: n + 1], middles
+
+
+# ------------------ Chains
 
 
 @dataclass(frozen=True)
@@ -42,16 +232,26 @@ class Chain:
     nodes: FloatArray
     lengths: FloatArray
     tops: FloatArray
-    bends: tuple[float, ...]
+    bends: FloatArray
     v: float
     a: float
     omega: float
     reach: float = 0.0
     pins: Mapping[int, FloatArray] = field(default_factory=dict)
 
+    @property
+    def told(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Its pieces, as kernels take them."""
+        return self.nodes, self.lengths, self.tops, self.bends
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Of acceleration (m/s2), and of turns on the spot (rad/s)."""
+        return self.a, self.omega
+
     def turns_back(self, node: int) -> bool:
         """Return whether the pieces before and after a node are of opposite directions."""
-        return self.bends[node] > 2.0 - TINY
+        return bool(self.bends[node] > 2.0 - TINY)
 
     @staticmethod
     def of(
@@ -65,7 +265,8 @@ class Chain:
         turns = np.abs(steps[:, 2])
         tops = np.minimum(v, omega * lengths / np.where(turns > TINY, turns, TINY))
         changes = np.diff(steps / safe[:, None], axis=0)
-        bends = 0.0, *sizes_of(changes, kinematics.reach).tolist(), 0.0
+        bends = np.zeros(len(nodes))
+        bends[1:-1] = sizes_of(changes, kinematics.reach)
         return Chain(nodes, lengths, tops, bends, v, a, omega, kinematics.reach, pins or {})
 
 
@@ -78,44 +279,12 @@ def sizes_of(steps: FloatArray, reach: float) -> FloatArray:
 
 def first_speeds(chain: Chain) -> FloatArray:
     """Return the largest speeds (m/s) at the nodes for which blends and trapezoids fit."""
-    n = len(chain.nodes)
-    speeds = np.zeros(n)
-    for i in range(1, n - 1):
-        before, after = chain.lengths[i - 1], chain.lengths[i]
-        if min(before, after) < TINY or chain.turns_back(i):
-            continue  # a turn on the spot, or nothing is won by going on farther
-        room = 0.45 * min(before, after)
-        bend = chain.bends[i]
-        fits = math.sqrt(2 * chain.a * room / bend) if bend > TINY else math.inf
-        speeds[i] = min(fits, chain.tops[i - 1], chain.tops[i])
-    return settled(chain, speeds)
+    return _first_speeds(chain.lengths, chain.tops, chain.bends, chain.a)
 
 
 def settled(chain: Chain, speeds: FloatArray) -> FloatArray:
     """Return the speeds lowered until each piece can change from one to the other."""
-    found, lengths = speeds.tolist(), chain.lengths.tolist()  # many small ones: arrays are slow
-    order = [*range(len(lengths)), *reversed(range(len(lengths)))]
-    for _ in range(4):
-        before = found.copy()
-        for i in order:
-            low, high = (i, i + 1) if found[i] <= found[i + 1] else (i + 1, i)
-            free = lengths[i] - _reach(chain, found, i) - _reach(chain, found, i + 1)
-            most = math.sqrt(found[low] ** 2 + 2 * chain.a * max(free, 0.0))
-            found[high] = min(found[high], most)
-        if found == before:
-            break
-    return np.array(found)
-
-
-def _reach(chain: Chain, speeds: Sequence[float], i: int) -> float:
-    """Return how far (m) from node ``i`` its blend begins and ends."""
-    return speeds[i] ** 2 * chain.bends[i] / (2 * chain.a)
-
-
-def _reaches(chain: Chain, speeds: FloatArray) -> list[float]:
-    """Return that of all nodes."""
-    found: list[float] = speeds.tolist()
-    return [_reach(chain, found, i) for i in range(len(found))]
+    return _settled(chain.lengths, chain.bends, speeds, chain.a)
 
 
 def through(
@@ -150,106 +319,18 @@ def _cut(chain: Chain, i: int, speed: float) -> FloatArray:
     return np.asarray((w - u) * speed * seconds / 8)
 
 
-def profile(
-    length: float, w0: float, w1: float, top: float, a: float
-) -> tuple[float, float, float, float]:
-    """Return (peak speed, seconds of rise, cruise, fall) over ``length`` m from speed w0 to w1."""
-    peak = min(top, math.sqrt(max(a * length + 0.5 * (w0 * w0 + w1 * w1), 0.0)))
-    peak = max(peak, w0, w1)
-    rise, fall = (peak - w0) / a, (peak - w1) / a
-    driven = 0.5 * (w0 + peak) * rise + 0.5 * (w1 + peak) * fall
-    cruise = max(length - driven, 0.0) / peak if peak > TINY else 0.0
-    return peak, rise, cruise, fall
-
-
-class _BlendWriter:
-    """Collects samples of pieces, each given as a function of the time since its start."""
-
-    def __init__(self, start: FloatArray) -> None:
-        self.times, self.rows = [np.zeros(1)], [start[None, :].copy()]
-        self.now = 0.0
-        self.owners = [0]
-
-    def add(self, seconds: float, poses: FloatArray, grid: FloatArray, owner: int) -> None:
-        self.times.append(self.now + grid)
-        self.rows.append(poses)
-        self.owners.extend([owner] * len(grid))
-        self.now += seconds
-
-
-def _grid(seconds: float) -> FloatArray:
-    count = max(1, math.ceil(seconds / Trajectory.MAX_STEP - 1e-9))
-    return np.linspace(0.0, seconds, count + 1)[1:]
-
-
 def timed(chain: Chain, speeds: FloatArray) -> tuple[Trajectory, list[int]]:
     """Return the motion from time 0, and for each sample the node whose blend it is in or near."""
-    nodes, reach = chain.nodes, _reaches(chain, speeds)
-    writer = _BlendWriter(nodes[0])
-    for i in range(len(chain.lengths)):
-        start, end = nodes[i], nodes[i + 1]
-        length = float(chain.lengths[i])
-        if length < TINY:
-            _spin(writer, start, end, chain.omega, i)
-            continue
-        first, last = reach[i : i + 2]
-        _straight(writer, chain, i, first, last, speeds)
-        if speeds[i + 1] > 0 and last > TINY:
-            _blend(writer, chain, i + 1, last, float(speeds[i + 1]))
-    times, rows = np.concatenate(writer.times), np.concatenate(writer.rows)
+    times, rows, owners, middles = _sampled(*chain.told, speeds, chain.limits, Trajectory.MAX_STEP)
+    for i, pin in chain.pins.items():
+        if middles[i] >= 0:
+            rows[middles[i]] = pin
     keep = np.concatenate([[True], np.diff(times) > 1e-7])
     if not keep[-1]:  # the last sample is the goal: drop the one before it instead
         keep[-1] = True
         keep[np.nonzero(keep[:-1])[0][-1]] = len(np.nonzero(keep[:-1])[0]) < 2
-    rows[-1] = nodes[-1]
-    owners = [owner for owner, kept in zip(writer.owners, keep, strict=True) if kept]
-    return Trajectory(times[keep], rows[keep]), owners
-
-
-def _spin(
-    writer: _BlendWriter, start: FloatArray, end: FloatArray, omega: float, owner: int
-) -> None:
-    turn = end[2] - start[2]
-    seconds = abs(float(turn)) / omega
-    if seconds > TINY:
-        grid = _grid(seconds)
-        writer.add(seconds, start + np.outer(grid / seconds, end - start), grid, owner)
-
-
-def _straight(
-    writer: _BlendWriter, chain: Chain, i: int, first: float, last: float, speeds: FloatArray
-) -> None:
-    start, step = chain.nodes[i], chain.nodes[i + 1] - chain.nodes[i]
-    length = float(chain.lengths[i])
-    w0, w1 = float(speeds[i]), float(speeds[i + 1])
-    free = max(length - first - last, 0.0)
-    peak, rise, cruise, fall = profile(free, w0, w1, float(chain.tops[i]), chain.a)
-    done = 0.0
-    for seconds, begin, slope in ((rise, w0, chain.a), (cruise, peak, 0.0), (fall, peak, -chain.a)):
-        if seconds <= 1e-9:
-            continue
-        grid = _grid(seconds)
-        driven = done + begin * grid + 0.5 * slope * grid * grid
-        share = np.minimum((first + driven) / length, 1.0)
-        owner = i if done < free / 2 else i + 1
-        writer.add(seconds, start + np.outer(share, step), grid, owner)
-        done = float(driven[-1])
-
-
-def _blend(writer: _BlendWriter, chain: Chain, i: int, reach: float, speed: float) -> None:
-    """Turn from piece i - 1 into piece i by a parabola from ``reach`` m before node i to after."""
-    seconds = 2 * reach / speed
-    before = chain.nodes[i] - chain.nodes[i - 1]
-    after = chain.nodes[i + 1] - chain.nodes[i]
-    v0 = before / chain.lengths[i - 1] * speed
-    v1 = after / chain.lengths[i] * speed
-    start = chain.nodes[i] - v0 * (seconds / 2)
-    half = _grid(seconds / 2)
-    grid = np.concatenate([half, seconds / 2 + half])
-    poses = start + np.outer(grid, v0) + np.outer(grid * grid / (2 * seconds), v1 - v0)
-    if i in chain.pins:
-        poses[len(half) - 1] = chain.pins[i]
-    writer.add(seconds, poses, grid, i)
+    rows[-1] = chain.nodes[-1]
+    return Trajectory(times[keep], rows[keep]), owners[keep].tolist()
 
 
 def pieces(nodes: FloatArray) -> FloatArray:
@@ -281,18 +362,7 @@ def moved_corner(nodes: FloatArray, i: int, shift: float, cut: float) -> FloatAr
 def chain_time(nodes: FloatArray, body: Body) -> float:
     """Return about how long (s) the blended motion along ``nodes`` takes where nothing is near."""
     chain = Chain.of(nodes, body.kinematics)
-    speeds = first_speeds(chain)
-    total, reach = 0.0, _reaches(chain, speeds)
-    for i, length in enumerate(chain.lengths):
-        if length < TINY:
-            total += abs(float(nodes[i + 1, 2] - nodes[i, 2])) / chain.omega
-            continue
-        first, last = reach[i : i + 2]
-        free = max(float(length) - first - last, 0.0)
-        ends = float(speeds[i]), float(speeds[i + 1])
-        total += sum(profile(free, *ends, float(chain.tops[i]), chain.a)[1:])
-        total += 2 * last / ends[1] if ends[1] > 0 else 0.0
-    return total
+    return _lasts(*chain.told, first_speeds(chain), chain.limits)
 
 
 # ------------------ Among what must be kept clear of

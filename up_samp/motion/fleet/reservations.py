@@ -100,9 +100,13 @@ class ReservationTable:
         """
         some, others = (self.ways(motion).quickest_first() for motion in (leaver, comer))
         best = math.inf
-        for path, there in itertools.product(some, others):
+        for path, there in sorted(
+            itertools.product(some, others), key=lambda two: sum(p.natural.duration for p in two)
+        ):
             longer = path.natural.duration - some[0].natural.duration
             longer += there.natural.duration - others[0].natural.duration
+            if longer >= best:
+                break
             gaps = self.passing(leaver, path, comer, there)
             # of obstacles with the place itself: who comes there first has to leave it again
             shared = gaps[np.any(gaps[:, 1, 1] > -math.inf, axis=1), 0, 0, 0]

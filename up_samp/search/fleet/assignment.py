@@ -131,7 +131,7 @@ def mended(
         if not new:
             break
         # drives that turn out longer change little: it is not to be stirred up much
-        found = exchanged(found, rng, deadline, share=0.1)
+        found = exchanged(found, rng, deadline, share=0.1, warmth=0.1)
     return found
 
 
@@ -144,25 +144,36 @@ def inserted(found: Assignment, job: int) -> dict[str, list[Step]]:
 
 
 def exchanged(
-    found: Assignment, rng: random.Random, deadline: Deadline, *, share: float = 1.0
+    found: Assignment,
+    rng: random.Random,
+    deadline: Deadline,
+    *,
+    share: float = 1.0,
+    warmth: float = 1.0,
+    another: bool = False,
 ) -> Assignment:
     """Return the best share that annealing comes by: jobs moved, or exchanged by two robots.
 
-    :param share: of the warmth and of the changes at first.
+    :param share: of the usual changes...
+    :param warmth: ...and of the usual warmth at first.
+    :param another: the best one of the second half, as the first one leads elsewhere.
     """
     tuning, rehearsal = found.tuning, found.rehearsal
     # so that it is worth as many seconds whatever the power of ends that counts
     hot = _WARM * rehearsal.rules.steep / CostWeights().steep
-    warm = tuning.cold + (hot - tuning.cold) * share
+    warm = tuning.cold + (hot - tuning.cold) * warmth
     tries = math.ceil(tuning.exchanges * len(found.jobs.options) * share)
     now, best = rehearsal.shares(found.tours), rehearsal.shares(found.tours)
     heats = np.zeros(tries)
     if warm > 0.0:
         heats = warm * (tuning.cold / warm) ** (np.arange(tries) / max(tries, 1))
     chance = np.random.default_rng(rng.getrandbits(64))
-    for some in np.array_split(heats, math.ceil(tries / _AT_ONCE) or 1):
+    parts = np.array_split(heats, math.ceil(tries / _AT_ONCE) or 1)
+    for number, some in enumerate(parts):
         if deadline.expired():
             break
+        if another and number == len(parts) // 2:
+            best = rehearsal.shares(rehearsal.tours(now))
         draws = drawn(chance, len(some))
         anneal(rehearsal.work(), rehearsal.rules, now, best, draws, some)
     return replace(found, tours=rehearsal.tours(best))

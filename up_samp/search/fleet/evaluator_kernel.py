@@ -103,8 +103,8 @@ class TourArrays(NamedTuple):
 def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: int) -> FloatArray:
     """Return when each robot has done its jobs, and by how much it is late in all (robots, 2).
 
-    Whoever comes first to one of ``places`` works there first; who ends where another one comes
-    later goes home.
+    Of those who wait for one of ``places`` the one that has most left to do is next (Schrage's
+    schedule of one machine; Carlier, EJOR 1982). Who ends where another one comes later goes home.
     """
     # to take an array out of a record costs, and in the loop it would be done again and again
     tours, counts = shares.tours, shares.counts
@@ -119,21 +119,27 @@ def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: in
     leaves = np.full(places, -1)  # how the last one drives on: a row of known handovers
     here, kind = work.start.copy(), work.kind
     saved = np.zeros(robots)  # by the latest option's being done together with the one before
+    left = np.zeros(robots)  # what each one has to do from its next stop on (s)
     for r in range(robots):
         if counts[r] > 0:
             coming[r] = _reached(work, shares, r, 0, 0.0)
             at[r, 1] = head[tours[r, 0]]
+            left[r] = _left(work, shares, r)
     while True:
-        r = int(np.argmin(coming))
-        came = coming[r]
-        if came == np.inf:
+        first = int(np.argmin(coming))
+        if coming[first] == np.inf:
             break
-        option, stop = tours[r, at[r, 0]], at[r, 1]
-        place, begin = place_of[stop], came
+        r, place = first, place_of[at[first, 1]]
+        for q in range(robots if place >= 0 and free[place] > coming[first] else 0):
+            if coming[q] <= free[place] and left[q] > left[r] and place_of[at[q, 1]] == place:
+                r = q
+        option, stop, came = tours[r, at[r, 0]], at[r, 1], coming[r]
+        begin = came
         if place >= 0 and last[place] != r:
             gap = seconds[leaves[place], comes[kind[r], here[r], stop_at[stop]]]
             begin = max(came, free[place] + (gap if gap >= 0.0 else rules.handover))
         done = begin + stays[stop]
+        left[r] -= stays[stop]
         here[r] = stop_at[stop]
         if place >= 0:
             free[place] = done
@@ -144,6 +150,7 @@ def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: in
         if stop + 1 < head[option + 1]:
             at[r, 1] = stop + 1
             coming[r] = done + drive[stop + 1]
+            left[r] -= drive[stop + 1]
             continue
         if due[option] < np.inf:
             found[r, 1] += max(0.0, rules.traffic * done - due[option])
@@ -153,12 +160,26 @@ def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: in
             at[r, 1] = head[then]
             saved[r] = _together(work, r, option, then) if saved[r] == 0.0 else 0.0
             coming[r] = _reached(work, shares, r, at[r, 0], done) - saved[r]
+            left[r] -= coming[r] - done
         else:
             coming[r] = np.inf
     for r in range(robots):
         found[r, 0] += _way_home(work, shares, r, last)
         found[r, 0] += beside(work, r, tours[r], counts[r])[0]
     return found
+
+
+@inner
+def _left(work: WorkTables, shares: TourArrays, r: int) -> float:
+    """Return how long (s) a robot's tour takes alone from its first stop on."""
+    tour, seconds = shares.tours[r], 0.0
+    for number in range(shares.counts[r]):
+        option = tour[number]
+        if number > 0:
+            seconds = _reached(work, shares, r, number, seconds)
+        for stop in range(work.head[option], work.head[option + 1]):
+            seconds += work.stays[stop] + work.drive[stop]
+    return seconds
 
 
 @lean_inner

@@ -48,8 +48,9 @@ _STUCK_SOONER = 20.0
 _ORDERS = 12
 """Of the robots, for whole tours; who finds no tour goes first in the next one."""
 # better tours
-_DRAWN = 3
-"""Shares of the jobs, of which the best one is tried."""
+_WARMTHS = 1.0, 0.1, 0.01
+"""Of the annealing of shares of the jobs, as a share of the usual warmth, of which the best one is
+tried: others than all before, and others near the best one."""
 _STEEP = 60.0
 """Power of a tour's end that counts in those: hardly any but the last one does."""
 _LOOKING = 8
@@ -285,17 +286,20 @@ def deal_again(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
     """All jobs dealt out anew with what is known now of drives and of handovers at shared places;
     all tours are decided at once.
     """
-    usual = search.dealt.rehearsal
+    usual, guess = search.dealt.rehearsal, search.dealt.guess
     gaps = search.tours.handovers(search.best) or [usual.rules.handover]
-    known = usual.rules._replace(steep=_STEEP, handover=statistics.median(gaps))
-    found = _promising(search, replace(usual, rules=known, exact=True), deadline)
+    guess.ask_handovers(search.dealt.handovers(), deadline)
+    known = replace(usual, rules=usual.rules._replace(steep=_STEEP), exact=True)
+    found = _promising(search, known, deadline)
     if found is None:
         return None
     search.tried.append(found.tours)
-    least = replace(usual, rules=known._replace(handover=gaps[0])).ends(found.tours).values()
+    least = replace(usual, rules=usual.rules._replace(handover=gaps[0])).ends(found.tours).values()
     search.without_traffic = min(search.without_traffic, max(end for end, _ in least))
     again = replace(found, rehearsal=usual)
     tours = search.open_tours(again, deadline)
+    # ways past each other are known now
+    guess.ask_handovers(found.handovers(), deadline, again=True)
     decided = None if tours is None else tours.coordinated({}, search.makespan, deadline)
     if tours is None or decided is None or search.cost(decided) > search.cost(search.best):
         return None
@@ -309,11 +313,17 @@ def _promising(
     """Return the best by what is ``expected`` of some shares of the jobs that were not tried yet,
     if any.
     """
-    start, rng, found = replace(search.dealt, rehearsal=expected), search.rng, []
-    for _ in range(_DRAWN):
-        share = mended(exchanged(start, rng, deadline), rng, deadline)
+    rng, known, found = search.rng, [*search.dealt.guess.handovers.values()], []
+    least, usual = min(known, default=0.0), statistics.fmean(known or [expected.rules.handover])
+    for warmth in _WARMTHS:
+        # those that are not known may be as short as any: so some of them are looked at
+        rules = expected.rules._replace(handover=rng.uniform(least, 2 * usual - least))
+        start = replace(search.dealt, rehearsal=replace(expected, rules=rules))
+        other = exchanged(start, rng, deadline, warmth=warmth, another=True)
+        share = mended(other, rng, deadline)
         if share.tours not in search.tried:
             found.append(share)
+    expected = replace(expected, rules=expected.rules._replace(handover=usual))
     return min(found, key=lambda share: expected.length(share.tours), default=None)
 
 

@@ -110,12 +110,21 @@ class TravelTimeModel:
         self.rounds += new > 0
         return new
 
-    def ask_handovers(self, pairs: Iterable[tuple[OneDrive, OneDrive]], deadline: Deadline) -> int:
-        """Learn how long handovers take, and return how many of them were not known."""
+    def ask_handovers(
+        self,
+        pairs: Iterable[tuple[OneDrive, OneDrive]],
+        deadline: Deadline,
+        *,
+        again: bool = False,
+    ) -> int:
+        """Learn how long handovers take, and return how many of them were asked for: those that are
+        not known, or all of them ``again``, as more ways may be known now.
+        """
         new = 0
         for pair in pairs:
             one, other = ((self.snapshot.objects[r].body, a, b) for r, a, b in pair)
-            if self._hands_over is None or (one, other) in self.handovers or deadline.expired():
+            known = (one, other) in self.handovers and not again
+            if self._hands_over is None or known or deadline.expired():
                 continue
             seconds = self._hands_over(*pair, deadline)
             if seconds is not None:
