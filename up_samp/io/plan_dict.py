@@ -21,7 +21,7 @@ from up_samp.model.frames import PlacedMap
 from up_samp.model.refinement import ABSOLUTE
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.movers import named_as_planned
-from up_samp.upio.plan import trajectory_key
+from up_samp.upio.plan import figures_told, trajectory_key, words_told
 from up_samp.upio.read import read_problem
 
 # ------------------ Plans as plain dictionaries
@@ -128,10 +128,10 @@ def result_to_dict(
     engine says of why, or if ``seconds_per_unit`` differs.
     """
     if result.plan is None:
-        why = "; ".join(m.message for m in result.log_messages or ())
+        why = "; ".join(words_told(result))
         told = f"{result.engine_name} found no plan ({result.status.name})"
         raise ProblemError(f"{told}: {why}" if why else told)
-    metrics = result.metrics or {}
+    metrics = figures_told(result)
     bound = metrics.get("lower_bound")
     known = metrics.get("seconds_per_unit")
     if known is not None and getattr(result.plan, "seconds_per_unit", None) is None:
