@@ -36,7 +36,7 @@ from up_samp.io.restore import plan_from_dict
 from up_samp.model import Deadline, ProblemError, SampError, UnsupportedError
 from up_samp.model.refinement import ABSOLUTE
 from up_samp.search.params import Parameters
-from up_samp.upio.plan import SampSchedule
+from up_samp.upio.plan import SampSchedule, figures_told, words_told
 from up_samp.validation import validate_plan
 
 log = logging.getLogger(__name__)
@@ -132,8 +132,7 @@ def run_member(data: bytes, number: int, each: float, ends: float) -> Said:
     get_environment().credits_stream = None
     with OneshotPlanner(name=member.engine, params=dict(member.params)) as planner:
         result = planner.solve(problem, timeout=None if math.isinf(seconds) else seconds)
-    told = " ".join(m.message for m in result.log_messages or ())
-    metrics = result.metrics or {}
+    told, metrics = " ".join(words_told(result)), figures_told(result)
     bound, kind = int(metrics.get("lower_bound", 0)), str(metrics.get("bound_kind", ""))
     if result.plan is None:
         return Said(result.status.name, None, None, bound, kind, told)

@@ -7,64 +7,9 @@ import json
 from pathlib import Path
 
 from up_samp.benchmarks.instances import ENCODINGS, families
+from up_samp.cli.options import Command, option
 from up_samp.model import ProblemError
 from up_samp.tuning import read_tuning
-
-
-def add_bench(bench: argparse.ArgumentParser) -> None:
-    """Add the commands of ``bench``: ``run``, ``report`` and ``list``."""
-    commands = bench.add_subparsers(required=True)
-    _add_run(commands)
-    show = commands.add_parser("report", help="tables and plots of finished sweeps, as Markdown")
-    show.add_argument("folders", nargs="+", type=Path, metavar="DIR")
-    show.add_argument(
-        "--out", type=Path, metavar="DIR", help="where report.md goes (default: the first DIR)"
-    )
-    names = commands.add_parser("list", help="names of instances")
-    names.add_argument("names", nargs="*", default=["paper"], metavar="FAMILY")
-    show.set_defaults(run=_report)
-    names.set_defaults(run=_list)
-
-
-def _add_run(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    known = ", ".join(("paper", *families()))
-    sweeper = commands.add_parser("run", help="run a sweep (resumes where it was stopped)")
-    sweeper.add_argument(
-        "names",
-        nargs="+",
-        metavar="FAMILY",
-        help=f"{known}; or an instance's name or a pattern such as 'logistics-oc-*-r1-*'",
-    )
-    sweeper.add_argument("--engines", nargs="+", default=["samp-refine[cpsat]"], metavar="ENGINE")
-    sweeper.add_argument("--preset", nargs="+", default=["default"], metavar="NAME")
-    sweeper.add_argument(
-        "--tuning",
-        nargs="+",
-        default=[],
-        type=Path,
-        metavar="FILE.toml",
-        help="tunables to sweep over: each file is one more setting beside the defaults",
-    )
-    sweeper.add_argument("--encodings", nargs="+", default=["fluents"], choices=ENCODINGS)
-    sweeper.add_argument(
-        "--first-plan",
-        action="store_true",
-        help="no metric: stop at the first plan (default: minimise the makespan, with proof)",
-    )
-    sweeper.add_argument("--timeout", type=float, default=60.0, metavar="S", help="s per run")
-    sweeper.add_argument("--memory", type=int, default=20_000, metavar="MB", help="MB per run")
-    sweeper.add_argument("--runs", type=int, default=1, metavar="N", help="repetitions (seeds)")
-    sweeper.add_argument(
-        "--seeds",
-        nargs="+",
-        type=int,
-        default=[0],
-        metavar="N",
-        help="draw the instances anew from these seeds, all but their sizes (0: as they are)",
-    )
-    sweeper.add_argument("--jobs", type=int, default=1, metavar="J", help="runs at a time")
-    sweeper.add_argument("--out", type=Path, required=True, metavar="DIR")
-    sweeper.set_defaults(run=_run)
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -112,3 +57,34 @@ def _list(args: argparse.Namespace) -> int:
     for chosen in select(args.names):
         print(chosen.name)
     return 0
+
+
+COMMANDS: dict[str, dict[str, tuple[str, Command]]] = {
+    "bench": {
+        "run": ("run a sweep (resumes where it was stopped)", (_run, (
+            option("names", f"{', '.join(('paper', *families()))}; or an instance's name or a "
+                   "pattern such as 'logistics-oc-*-r1-*'", "FAMILY", nargs="+"),
+            option("--engines", None, "ENGINE", default=["samp-refine[cpsat]"], nargs="+"),
+            option("--preset", None, "NAME", default=["default"], nargs="+"),
+            option("--tuning", "tunables to sweep over: each file is one more setting beside the "
+                   "defaults", "FILE.toml", Path, [], nargs="+"),
+            option("--encodings", default=["fluents"], choices=ENCODINGS, nargs="+"),
+            option("--first-plan", "no metric: stop at the first plan (default: minimise the "
+                   "makespan, with proof)", action="store_true"),
+            option("--timeout", "s per run", "S", float, 60.0),
+            option("--memory", "MB per run", "MB", int, 20_000),
+            option("--runs", "repetitions (seeds)", "N", int, 1),
+            option("--seeds", "draw the instances anew from these seeds, all but their sizes (0: "
+                   "as they are)", "N", int, [0], nargs="+"),
+            option("--jobs", "runs at a time", "J", int, 1),
+            option("--out", None, "DIR", Path, required=True),
+        ))),
+        "report": ("tables and plots of finished sweeps, as Markdown", (_report, (
+            option("folders", None, "DIR", Path, nargs="+"),
+            option("--out", "where report.md goes (default: the first DIR)", "DIR", Path),
+        ))),
+        "list": ("names of instances", (_list, (
+            option("names", None, "FAMILY", default=["paper"], nargs="*"),
+        ))),
+    },
+}  # fmt: skip

@@ -203,6 +203,7 @@ def _solve(spec: RunSpec, record: Record) -> None:
     import up_samp  # noqa: F401  (registers the engines)
     from up_samp.benchmarks.instances import instance
     from up_samp.model import EngineError
+    from up_samp.upio.plan import figures_told
 
     unified_planning.environment.get_environment().credits_stream = None
     began = time.perf_counter()
@@ -226,7 +227,7 @@ def _solve(spec: RunSpec, record: Record) -> None:
     record["seconds"] = round(time.perf_counter() - began, 3)
     record["seconds_cpu"] = round(_cpu() - cpu, 3)
     record["status"] = result.status.name
-    record["metrics"] = {k: _plain(v) for k, v in (result.metrics or {}).items()}
+    record["metrics"] = {k: _plain(v) for k, v in figures_told(result).items()}
     if result.log_messages:
         record["messages"] = [m.message[:500] for m in result.log_messages[:5]]
     if result.plan is not None:

@@ -44,8 +44,8 @@ COMMANDS = {
     ),
     "bench": ("benchmarks.cli", "run the benchmark families and report on them"),
 }  # fmt: skip
-"""The module whose ``add_NAME`` adds a command's arguments (it is imported when somebody gives the
-command), and what the command does in a line.
+"""The module that has a command in its own ``COMMANDS``, with what it is given (it is imported when
+somebody gives the command), and what the command does in a line.
 """
 
 
@@ -66,7 +66,9 @@ def make_parser(words: Sequence[str]) -> argparse.ArgumentParser:
         own = commands.add_parser(name, help=text)
         if name in words:
             load_unified_planning()
-            getattr(importlib.import_module(f"up_samp.{module}"), f"add_{name}")(own)
+            from up_samp.cli.options import add_command
+
+            add_command(own, importlib.import_module(f"up_samp.{module}").COMMANDS[name])
     return parser
 
 

@@ -12,21 +12,9 @@ from unified_planning.engines import Engine
 from unified_planning.model import ProblemKind
 from unified_planning.model.motion import SchedulingMotionProblem
 
-from up_samp.benchmarks.instances import ENCODINGS
-from up_samp.cli.problems import (
-    add_problem_arguments,
-    find_problem,
-    fleet_of,
-    problem_of_plan,
-    settle,
-)
-from up_samp.cli.solving import (
-    add_solver_arguments,
-    describe,
-    judge,
-    solve_and_show,
-    table,
-)
+from up_samp.cli.options import DEFAULT, OUT, PLAN, PROBLEM, Command, encoding, option
+from up_samp.cli.problems import find_problem, fleet_of, problem_of_plan, settle
+from up_samp.cli.solving import describe, judge, solve_and_show, solver_options, table
 from up_samp.execution import Surprise, dependency_faults, remaining_at
 from up_samp.execution.files import check_motions, refuse
 from up_samp.export import FORMATS, export_plan
@@ -37,28 +25,6 @@ from up_samp.model import ProblemError
 from up_samp.model.errors import short
 from up_samp.system.files import check_folder
 from up_samp.system.imports import extra
-
-
-def add_serve(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``serve``."""
-    parser.add_argument("--host", default="127.0.0.1", help="(default: %(default)s)")
-    parser.add_argument("--port", type=int, default=8008, metavar="N", help="(default: 8008)")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="jobs at the same time")
-    parser.add_argument("--queue", type=int, default=8, metavar="N", help="jobs that may wait")
-    parser.add_argument(
-        "--timeout", type=float, default=600.0, metavar="S", help="longest search, in seconds"
-    )
-    parser.add_argument(
-        "--memory", type=float, default=6.0, metavar="GIB", help="address space of a job"
-    )
-    parser.add_argument(
-        "--allow-host",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="answer requests to this name, too (else: localhost, and what --host names)",
-    )
-    parser.set_defaults(run=_serve)
 
 
 def _serve(args: argparse.Namespace) -> int:
@@ -88,22 +54,6 @@ def _serve(args: argparse.Namespace) -> int:
 # ------------------ ``up-samp export``: a plan file in other people's formats
 
 
-def add_export(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``export``."""
-    parser.add_argument("plan", type=Path, metavar="PLAN.json")
-    parser.add_argument("--to", choices=tuple(FORMATS), required=True)
-    parser.add_argument("--out", type=Path, default=Path("."), metavar="DIR")
-    parser.add_argument(
-        "--problem",
-        default=None,
-        metavar="PROBLEM",
-        help="the plan's problem, as for 'up-samp solve': the plan's graph is checked against it, "
-        "and orders have its words for places and actions",
-    )
-    parser.add_argument("--encoding", choices=ENCODINGS, default="fluents")
-    parser.set_defaults(run=_export)
-
-
 def _export(args: argparse.Namespace) -> int:
     plan = read_plan(args.plan)
     if args.problem is not None:
@@ -118,12 +68,6 @@ def _export(args: argparse.Namespace) -> int:
 # ------------------ The commands for problem files: ``new`` and ``check``
 
 
-def add_new(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``new``."""
-    parser.add_argument("folder", type=Path, metavar="DIR")
-    parser.set_defaults(run=_new)
-
-
 def _new(args: argparse.Namespace) -> int:
     from up_samp.fleet.files import write_starter
 
@@ -131,16 +75,6 @@ def _new(args: argparse.Namespace) -> int:
     print("\n".join(str(f) for f in files))
     print(f"next: up-samp check {files[0]}")
     return 0
-
-
-def add_check(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``check``."""
-    parser.add_argument("problem", type=Path, metavar="PROBLEM.yaml")
-    parser.add_argument(
-        "--out", type=Path, default=None, metavar="FILE.png",
-        help="the picture (default: beside the problem file)",
-    )  # fmt: skip
-    parser.set_defaults(run=_check)
 
 
 def _check(args: argparse.Namespace) -> int:
@@ -164,21 +98,6 @@ def _check(args: argparse.Namespace) -> int:
     return 1 if errors else 0
 
 
-def add_import(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``import``."""
-    parser.add_argument("source", type=Path, metavar="FILE")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--kind", default=None, help="what it is, where its name does not tell")
-    parser.add_argument(
-        "--cell", "--metres-per-unit", type=float, default=1.0, metavar="M",
-        help="a cell, or a unit of a drawing, in m",
-    )  # fmt: skip
-    parser.add_argument("--map", type=Path, default=None, metavar="MAP.yaml", help="for LIF")
-    parser.add_argument("--robots", type=int, default=2, metavar="N", help="take so many at most")
-    parser.add_argument("--jobs", type=int, default=4, metavar="N", help="take so many at most")
-    parser.set_defaults(run=_import)
-
-
 def _import(args: argparse.Namespace) -> int:
     from up_samp.fleet.importers import Options, import_file
 
@@ -196,17 +115,6 @@ def _import(args: argparse.Namespace) -> int:
 # ------------------ The commands that plan
 
 
-def add_demo(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``demo``."""
-    parser.add_argument("--robots", type=int, default=2, metavar="N", help="(default: 2)")
-    parser.add_argument("--items", type=int, default=4, metavar="N", help="(default: 4)")
-    parser.add_argument("--door", choices=("closed", "open"), default="closed")
-    parser.add_argument("--sides", choices=("all", "corridor"), default="corridor")
-    parser.add_argument("--encoding", choices=ENCODINGS, default="fluents")
-    add_solver_arguments(parser, out="demo-out")
-    parser.set_defaults(run=_demo)
-
-
 def _demo(args: argparse.Namespace) -> int:
     from up_samp.benchmarks import logistics
 
@@ -221,37 +129,12 @@ def _demo(args: argparse.Namespace) -> int:
     return solve_and_show(problem, args)
 
 
-def add_solve(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``solve``."""
-    add_problem_arguments(parser)
-    add_solver_arguments(parser, out=None)
-    rest = parser.add_argument_group("going on from a plan of the problem")
-    rest.add_argument(
-        "--from",
-        dest="plan",
-        type=Path,
-        metavar="PLAN.json",
-        help="plan what is left of it anew; its clock begins when robots under way have stopped",
-    )
-    rest.add_argument(
-        "--at",
-        type=float,
-        metavar="S",
-        help="seconds since its start, carried out without delays so far",
-    )
-    rest.add_argument(
-        "--broken", action="append", metavar="ROBOT", help="it is out of order where it is then"
-    )
-    rest.add_argument("--cancel", action="append", metavar="ACTIVITY", help="not begun by then")
-    parser.set_defaults(run=_solve)
-
-
 def _solve(args: argparse.Namespace) -> int:
     if args.plan is not None:
         return _go_on(args)
-    for option, given in (("--at", args.at), ("--broken", args.broken), ("--cancel", args.cancel)):
+    for name, given in (("--at", args.at), ("--broken", args.broken), ("--cancel", args.cancel)):
         if given is not None:
-            raise ProblemError(f"{option} speaks of a plan: name it with --from PLAN.json")
+            raise ProblemError(f"{name} speaks of a plan: name it with --from PLAN.json")
     fleet = fleet_of(args.problem, {})
     settings = settle(fleet, args)
     if fleet is None:
@@ -288,13 +171,6 @@ def _go_on(args: argparse.Namespace) -> int:
     return solve_and_show(left.problem, args, left.hint)
 
 
-def add_validate(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``validate``."""
-    add_problem_arguments(parser)
-    parser.add_argument("plan", type=Path, metavar="PLAN.json")
-    parser.set_defaults(run=_validate)
-
-
 def _validate(args: argparse.Namespace) -> int:
     plan = read_plan(args.plan)
     problem = problem_of_plan(args.problem, args.encoding, plan)
@@ -320,13 +196,6 @@ def _validate(args: argparse.Namespace) -> int:
     return 0 if verdict.valid and not wrong else 1
 
 
-def add_draw(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``draw``."""
-    parser.add_argument("plan", type=Path, metavar="PLAN.json")
-    parser.add_argument("--out", type=Path, default=Path("."), metavar="DIR")
-    parser.set_defaults(run=_draw)
-
-
 def _draw(args: argparse.Namespace) -> int:
     from up_samp.plotting import write_outputs  # matplotlib is slow
 
@@ -334,11 +203,6 @@ def _draw(args: argparse.Namespace) -> int:
     files = write_outputs(read_plan(args.plan), args.out, plan_file=False)
     print("\n".join(str(f) for f in files))
     return 0
-
-
-def add_engines(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``engines``."""
-    parser.set_defaults(run=_engines)
 
 
 def _engines(args: argparse.Namespace) -> int:
@@ -368,11 +232,6 @@ def _uses(engine: type[Engine]) -> str:
     return "; ".join(text for text, does in checks.items() if does)
 
 
-def add_warmup(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``warmup``."""
-    parser.set_defaults(run=_warmup)
-
-
 def _warmup(args: argparse.Namespace) -> int:
     from up_samp.geometry import kernel_cache
     from up_samp.model import MotionModel
@@ -388,3 +247,63 @@ def _warmup(args: argparse.Namespace) -> int:
     left = missing(wanted)
     print(f"kernels are in {kernel_cache.folder()} ({seconds:.0f} s)")
     return 1 if left else 0
+
+
+_LEFT = "going on from a plan of the problem"
+COMMANDS: dict[str, Command] = {
+    "demo": (_demo, (
+        option("--robots", "(default: 2)", "N", int, 2),
+        option("--items", "(default: 4)", "N", int, 4),
+        option("--door", default="closed", choices=("closed", "open")),
+        option("--sides", default="corridor", choices=("all", "corridor")),
+        encoding(),
+        *solver_options(Path("demo-out")),
+    )),
+    "new": (_new, (option("folder", None, "DIR", Path),)),
+    "check": (_check, (
+        option("problem", None, "PROBLEM.yaml", Path),
+        option("--out", "the picture (default: beside the problem file)", "FILE.png", Path),
+    )),
+    "import": (_import, (
+        option("source", None, "FILE", Path),
+        option("--out", None, "DIR", Path, required=True),
+        option("--kind", "what it is, where its name does not tell"),
+        option("--cell --metres-per-unit", "a cell, or a unit of a drawing, in m", "M", float, 1.0),
+        option("--map", "for LIF", "MAP.yaml", Path),
+        option("--robots", "take so many at most", "N", int, 2),
+        option("--jobs", "take so many at most", "N", int, 4),
+    )),
+    "solve": (_solve, (
+        *PROBLEM,
+        *solver_options(),
+        option("--from", "plan what is left of it anew; its clock begins when robots under way "
+               "have stopped", "PLAN.json", Path, group=_LEFT, dest="plan"),
+        option("--at", "seconds since its start, carried out without delays so far", "S", float,
+               group=_LEFT),
+        option("--broken", "it is out of order where it is then", "ROBOT", group=_LEFT,
+               action="append"),
+        option("--cancel", "not begun by then", "ACTIVITY", group=_LEFT, action="append"),
+    )),
+    "validate": (_validate, (*PROBLEM, PLAN)),
+    "draw": (_draw, (PLAN, OUT)),
+    "export": (_export, (
+        PLAN,
+        option("--to", choices=tuple(FORMATS), required=True),
+        OUT,
+        option("--problem", "the plan's problem, as for 'up-samp solve': the plan's graph is "
+               "checked against it, and orders have its words for places and actions", "PROBLEM"),
+        encoding(),
+    )),
+    "serve": (_serve, (
+        option("--host", DEFAULT, default="127.0.0.1"),
+        option("--port", "(default: 8008)", "N", int, 8008),
+        option("--jobs", "jobs at the same time", "N", int, 1),
+        option("--queue", "jobs that may wait", "N", int, 8),
+        option("--timeout", "longest search, in seconds", "S", float, 600.0),
+        option("--memory", "address space of a job", "GIB", float, 6.0),
+        option("--allow-host", "answer requests to this name, too (else: localhost, and what "
+               "--host names)", "NAME", default=[], action="append"),
+    )),
+    "engines": (_engines, ()),
+    "warmup": (_warmup, ()),
+}  # fmt: skip

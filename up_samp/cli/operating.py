@@ -11,60 +11,11 @@ import tempfile
 import time
 from pathlib import Path
 
+from up_samp.cli.options import DEFAULT, Command, option
 from up_samp.fleet import Fleet
 from up_samp.fleet.spelled_out import with_places
 from up_samp.model import ProblemError
 from up_samp.system.imports import extra
-
-
-def add_operate(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``operate``."""
-    parser.add_argument("site", type=Path, metavar="SITE.yaml")
-    parser.add_argument("--store", type=Path, required=True, metavar="DAY.db")
-    parser.add_argument(
-        "--mqtt",
-        type=broker,
-        metavar="HOST:PORT",
-        help="the robots' broker (VDA 5050); none: simulated robots",
-    )
-    parser.add_argument(
-        "--robots",
-        choices=("simulated", "http"),
-        default="simulated",
-        help="without a broker: simulated ones, or those that whoever drives them asks and tells "
-        "of over --http (default: %(default)s)",
-    )
-    parser.add_argument("--prefix", default="uagv", help="of topics (default: %(default)s)")
-    parser.add_argument("--manufacturer", default="up_samp", help="(default: %(default)s)")
-    parser.add_argument("--vda", default="2.1.0", metavar="VERSION", help="(default: %(default)s)")
-    parser.add_argument("--user", help="of the broker; its password is in UP_SAMP_MQTT_PASSWORD")
-    parser.add_argument("--tls", action="store_true", help="speak to the broker over TLS")
-    parser.add_argument(
-        "--ca", metavar="FILE", help="certificates that TLS trusts (none: this machine's)"
-    )
-    parser.add_argument(
-        "--localisation",
-        type=float,
-        default=0.05,
-        metavar="M",
-        help="how far from the truth robots may tell to be that say nothing else in the site file "
-        "(default: %(default)s)",
-    )
-    parser.add_argument(
-        "--spacing", type=float, default=0.0, metavar="M",
-        help="of nodes, for robots that drive straight from node to node",
-    )  # fmt: skip
-    parser.add_argument(
-        "--orders", type=Path, metavar="FILE",
-        help="orders, listed as in a site file: looked at again whenever it changes",
-    )  # fmt: skip
-    parser.add_argument(
-        "--http", type=int, metavar="PORT", help="the floor's page, on this machine"
-    )
-    parser.add_argument("--host", default="127.0.0.1", help="(default: %(default)s)")
-    parser.add_argument("--budget", type=float, default=2.0, metavar="S", help="of a plan")
-    parser.add_argument("--seconds", type=float, metavar="S", help="end after so long")
-    parser.set_defaults(run=_operate)
 
 
 def broker(text: str) -> tuple[str, int]:
@@ -150,21 +101,6 @@ def _until(day, args: argparse.Namespace) -> int:  # type: ignore[no-untyped-def
     return 0
 
 
-def add_day(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``day``."""
-    parser.add_argument("site", type=Path, metavar="SITE.yaml")
-    parser.add_argument("--orders-per-hour", type=float, default=60.0, metavar="N")
-    parser.add_argument("--hours", type=float, default=8.0, metavar="H")
-    parser.add_argument("--due", type=float, default=300.0, metavar="S", help="after an order came")
-    parser.add_argument("--noise", type=float, default=0.0, metavar="M", help="of what robots tell")
-    parser.add_argument("--delays", type=float, default=0.0, metavar="SHARE")
-    parser.add_argument("--breakdowns", type=int, default=0, metavar="N")
-    parser.add_argument("--speed", type=float, default=0.0, metavar="N", help="times real time")
-    parser.add_argument("--seed", type=int, default=0, metavar="N")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for report and pictures")
-    parser.set_defaults(run=_day)
-
-
 def _day(args: argparse.Namespace) -> int:
     from up_samp.operate.day import DayPlan, report_text, simulate_day, write_report
 
@@ -182,15 +118,6 @@ def _day(args: argparse.Namespace) -> int:
     if args.out is not None:
         print("\n".join(str(f) for f in write_report(result, args.out)))
     return 0 if result.verdict.good else 1
-
-
-def add_why(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``why``."""
-    parser.add_argument("store", type=Path, metavar="DAY.db")
-    parser.add_argument("about", metavar="ROBOT|ORDER")
-    parser.add_argument("time", nargs="?", help="10:42 or 10:42:30, or seconds (default: the end)")
-    parser.add_argument("--lines", type=int, default=8, metavar="N", help="(default: %(default)s)")
-    parser.set_defaults(run=_why)
 
 
 def _why(args: argparse.Namespace) -> int:
@@ -223,3 +150,51 @@ def _seconds(text: str, epoch: float | None) -> float:
         return float(clock)
     begun = time.localtime(epoch)
     return float(clock - 3600 * begun.tm_hour - 60 * begun.tm_min - begun.tm_sec) % 86400.0
+
+
+_SITE = option("site", None, "SITE.yaml", Path)
+COMMANDS: dict[str, Command] = {
+    "operate": (_operate, (
+        _SITE,
+        option("--store", None, "DAY.db", Path, required=True),
+        option("--mqtt", "the robots' broker (VDA 5050); none: simulated robots", "HOST:PORT",
+               broker),
+        option("--robots", "without a broker: simulated ones, or those that whoever drives them "
+               "asks and tells of over --http (default: %(default)s)", default="simulated",
+               choices=("simulated", "http")),
+        option("--prefix", "of topics (default: %(default)s)", default="uagv"),
+        option("--manufacturer", DEFAULT, default="up_samp"),
+        option("--vda", DEFAULT, "VERSION", default="2.1.0"),
+        option("--user", "of the broker; its password is in UP_SAMP_MQTT_PASSWORD"),
+        option("--tls", "speak to the broker over TLS", action="store_true"),
+        option("--ca", "certificates that TLS trusts (none: this machine's)", "FILE"),
+        option("--localisation", "how far from the truth robots may tell to be that say nothing "
+               "else in the site file (default: %(default)s)", "M", float, 0.05),
+        option("--spacing", "of nodes, for robots that drive straight from node to node", "M",
+               float, 0.0),
+        option("--orders", "orders, listed as in a site file: looked at again whenever it changes",
+               "FILE", Path),
+        option("--http", "the floor's page, on this machine", "PORT", int),
+        option("--host", DEFAULT, default="127.0.0.1"),
+        option("--budget", "of a plan", "S", float, 2.0),
+        option("--seconds", "end after so long", "S", float),
+    )),
+    "day": (_day, (
+        _SITE,
+        option("--orders-per-hour", None, "N", float, 60.0),
+        option("--hours", None, "H", float, 8.0),
+        option("--due", "after an order came", "S", float, 300.0),
+        option("--noise", "of what robots tell", "M", float, 0.0),
+        option("--delays", None, "SHARE", float, 0.0),
+        option("--breakdowns", None, "N", int, 0),
+        option("--speed", "times real time", "N", float, 0.0),
+        option("--seed", None, "N", int, 0),
+        option("--out", "folder for report and pictures", "DIR", Path),
+    )),
+    "why": (_why, (
+        option("store", None, "DAY.db", Path),
+        option("about", None, "ROBOT|ORDER"),
+        option("time", "10:42 or 10:42:30, or seconds (default: the end)", nargs="?"),
+        option("--lines", DEFAULT, "N", int, 8),
+    )),
+}  # fmt: skip

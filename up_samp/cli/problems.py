@@ -15,27 +15,13 @@ from unified_planning.exceptions import UPException
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.benchmarks import instance
-from up_samp.benchmarks.instances import ENCODINGS, Encoding
+from up_samp.benchmarks.instances import Encoding
 from up_samp.io import PlanDict
 from up_samp.io.precision import PRECISION
 from up_samp.model import ProblemError, SampError
 
 if TYPE_CHECKING:
     from up_samp.fleet import Fleet
-
-
-def add_problem_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments that name a problem."""
-    parser.add_argument(
-        "problem",
-        metavar="PROBLEM",
-        help="a problem file (problem.yaml), a Python script that defines 'problem' or "
-        "'get_problem()', or the name of a benchmark instance such as logistics-dc-all-r2-i4 "
-        "('up-samp bench list' names them)",
-    )
-    parser.add_argument(
-        "--encoding", choices=ENCODINGS, default="fluents", help="of a benchmark instance"
-    )
 
 
 def find_problem(

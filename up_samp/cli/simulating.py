@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
-from up_samp.benchmarks.instances import ENCODINGS
+from up_samp.cli.options import PLAN, Command, encoding, option
 from up_samp.cli.problems import problem_of_plan
 from up_samp.cli.solving import table
 from up_samp.io import PlanDict, read_plan, write_plan
@@ -19,40 +19,6 @@ from up_samp.tuning import tuning_of
 
 if TYPE_CHECKING:
     from up_samp.execution import Simulation
-
-
-def add_simulate(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``simulate``."""
-    parser.add_argument("plan", type=Path, metavar="PLAN.json")
-    parser.add_argument(
-        "--delays",
-        default="30%",
-        metavar="HOW",
-        help="a share such as 30%% (slow robots, stops, late tasks), or slow=0.3,stops=1,"
-        "stop_seconds=5,long_stop=20,late=0.5 (default: %(default)s)",
-    )
-    parser.add_argument("--runs", type=int, default=20, metavar="N")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the first run")
-    parser.add_argument(
-        "--policy",
-        action="append",
-        choices=("timed", "staircase", "reorder", "all"),
-        help="how to follow the plan; may be given again (default: timed, staircase, reorder)",
-    )
-    parser.add_argument(
-        "--problem",
-        default=None,
-        metavar="PROBLEM",
-        help="the plan's problem, as for 'up-samp solve': where the plan file has no dependencies",
-    )
-    parser.add_argument("--encoding", choices=ENCODINGS, default="fluents")
-    parser.add_argument(
-        "--out", type=Path, default=None, metavar="DIR", help="folder for CSV, record and pictures"
-    )
-    parser.add_argument(
-        "--tuning", type=Path, default=None, metavar="FILE.toml", help="see the page on tuning"
-    )
-    parser.set_defaults(run=_simulate)
 
 
 def _simulate(args: argparse.Namespace) -> int:
@@ -143,3 +109,22 @@ def write_runs(plan: PlanDict, runs: Sequence[Simulation], folder: Path) -> list
         picture = plot_executed(plan, middle.record)
         files.append(saved(picture, folder / f"executed-{policy}.png"))
     return files
+
+
+COMMANDS: dict[str, Command] = {
+    "simulate": (_simulate, (
+        PLAN,
+        option("--delays", "a share such as 30%% (slow robots, stops, late tasks), or slow=0.3,"
+               "stops=1,stop_seconds=5,long_stop=20,late=0.5 (default: %(default)s)", "HOW",
+               default="30%"),
+        option("--runs", None, "N", int, 20),
+        option("--seed", "of the first run", "N", int, 0),
+        option("--policy", "how to follow the plan; may be given again (default: timed, staircase, "
+               "reorder)", choices=("timed", "staircase", "reorder", "all"), action="append"),
+        option("--problem", "the plan's problem, as for 'up-samp solve': where the plan file has "
+               "no dependencies", "PROBLEM"),
+        encoding(),
+        option("--out", "folder for CSV, record and pictures", "DIR", Path),
+        option("--tuning", "see the page on tuning", "FILE.toml", Path),
+    )),
+}  # fmt: skip

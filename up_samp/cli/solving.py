@@ -19,6 +19,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Schedule
 from unified_planning.shortcuts import OneshotPlanner
 
+from up_samp.cli.options import DEFAULT, ONE_OF, Option, option
 from up_samp.engines.factory import engine_named
 from up_samp.io import PlanDict, result_to_dict, write_plan
 from up_samp.model.errors import InterruptedSearch, in_words
@@ -27,6 +28,7 @@ from up_samp.plotting.tracks import tracks_of
 from up_samp.search.params import PRESETS
 from up_samp.system.files import check_folder, uninterrupted
 from up_samp.upio.objective import shown
+from up_samp.upio.plan import figures_told, words_told
 
 if TYPE_CHECKING:
     from up_samp.search.knowledge import ProgressEvent
@@ -149,98 +151,43 @@ def _line_of(event: ProgressEvent) -> str:
 # ------------------ Options, and the solve
 
 
-def add_solver_arguments(parser: argparse.ArgumentParser, *, out: str | None) -> None:
-    """Add the options that say how to solve and what to write."""
-    parser.add_argument(
-        "--engine",
-        default=DEFAULT_ENGINE,
-        metavar="NAME",
-        help="the scheduler to wrap: cpsat, aries, aries-opt, cpse ... (see 'up-samp engines'); "
-        "or a whole name such as samp-refine[aries] (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--preset", choices=sorted(PRESETS), default="default", help="how to learn from failures"
-    )
-    _add_ends(parser)
-    parser.add_argument("--seed", type=int, default=0, metavar="N")
-    parser.add_argument(
-        "--tuning",
-        type=Path,
-        default=None,
-        metavar="FILE.toml",
-        help="numbers that decide how hard the solver tries (see the page on tuning)",
-    )
-    parser.add_argument(
-        "--seconds-per-unit",
-        type=_seconds,
-        default=None,
-        metavar="S",
-        help="length of a time unit (default: 1, or what the problem file says)",
-    )
-    parser.add_argument(
-        "--margin",
-        type=float,
-        default=None,
-        metavar="M",
-        help="clearance in m that motions keep from walls and from each other (default: 0.01, or "
-        "what the problem file says)",
-    )
-    _add_output_arguments(parser, out=out)
-
-
-def _add_ends(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say when to stop."""
-    until = parser.add_mutually_exclusive_group()
-    until.add_argument(
-        "--optimal", action="store_true", help="go on until the plan is proven optimal"
-    )
-    until.add_argument("--first", action="store_true", help="stop at the first plan")
-    until.add_argument(
-        "--patience",
-        type=float,
-        default=None,
-        metavar="SHARE",
-        help="stop when so large a share of the time so far brought no better plan (default: 1; "
-        "with --timeout: for ever)",
-    )
-    parser.add_argument(
-        "--relative",
-        action="store_true",
-        help="call a plan optimal by the planner's own motions, however much shorter some may be",
-    )
-    parser.add_argument(
-        "--timeout",
-        type=_seconds,
-        default=None,
-        metavar="S",
-        help="seconds for the best plan that is found in them, at most: sooner where one is proven "
-        "optimal or nothing is left to try, or by --patience (default: 120)",
-    )
-
-
-def _add_output_arguments(parser: argparse.ArgumentParser, *, out: str | None) -> None:
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=None if out is None else Path(out),
-        metavar="DIR",
-        help="folder for plan.json and pictures"
-        + ("" if out is None else " (default: %(default)s)"),
-    )
-    parser.add_argument(
-        "--trace",
-        type=Path,
-        default=None,
-        metavar="DIR",
-        help="folder for every candidate schedule and what was learned from it, as text",
-    )
-
-
 def _seconds(text: str) -> float:
     value = float(text)
     if not value > 0:
         raise argparse.ArgumentTypeError("must be positive")
     return value
+
+
+def solver_options(out: Path | None = None) -> tuple[Option, ...]:
+    """Return the options that say how to solve, when to stop, and what to write."""
+    return (
+        option("--engine", "the scheduler to wrap: cpsat, aries, aries-opt, cpse ... (see 'up-samp "
+               "engines'); or a whole name such as samp-refine[aries] (default: %(default)s)",
+               "NAME", default=DEFAULT_ENGINE),
+        option("--preset", "how to learn from failures", default="default",
+               choices=sorted(PRESETS)),
+        option("--optimal", "go on until the plan is proven optimal", group=ONE_OF,
+               action="store_true"),
+        option("--first", "stop at the first plan", group=ONE_OF, action="store_true"),
+        option("--patience", "stop when so large a share of the time so far brought no better plan "
+               "(default: 1; with --timeout: for ever)", "SHARE", float, group=ONE_OF),
+        option("--relative", "call a plan optimal by the planner's own motions, however much "
+               "shorter some may be", action="store_true"),
+        option("--timeout", "seconds for the best plan that is found in them, at most: sooner "
+               "where one is proven optimal or nothing is left to try, or by --patience (default: "
+               "120)", "S", _seconds),
+        option("--seed", None, "N", int, 0),
+        option("--tuning", "numbers that decide how hard the solver tries (see the page on tuning)",
+               "FILE.toml", Path),
+        option("--seconds-per-unit", "length of a time unit (default: 1, or what the problem file "
+               "says)", "S", _seconds),
+        option("--margin", "clearance in m that motions keep from walls and from each other "
+               "(default: 0.01, or what the problem file says)", "M", float),
+        option("--out", "folder for plan.json and pictures" + (f" {DEFAULT}" if out else ""), "DIR",
+               Path, out),
+        option("--trace", "folder for every candidate schedule and what was learned from it, as "
+               "text", "DIR", Path),
+    )  # fmt: skip
 
 
 def solve_and_show(
@@ -253,9 +200,9 @@ def solve_and_show(
     0 with a valid plan, 1 without one. ``hint`` is a plan to begin from; ``tell`` returns what else
     there is to say of a plan.
     """
-    for folder, option in ((args.out, "--out"), (args.trace, "--trace")):
+    for folder, name in ((args.out, "--out"), (args.trace, "--trace")):
         if folder is not None:
-            check_folder(folder, option)
+            check_folder(folder, name)
     started = time.monotonic()
     try:
         result = _solve(problem, args, hint)
@@ -274,8 +221,8 @@ def _show(
 ) -> int:
     if result.plan is None:
         print(f"{problem.name}: no plan, {result.status.name} after {seconds:.1f} s")
-        for message in result.log_messages or ():
-            print(f"  {message.message}")
+        for text in words_told(result):
+            print(f"  {text}")
         return 1
     with uninterrupted():  # first of all the file: whatever comes may fail
         plan = result_to_dict(problem, result)
@@ -295,7 +242,7 @@ def _show(
 
         costs = terms_of(problem, result.plan).items()
         print(f"it costs {', '.join(f'{shown(cost)} of {term}' for term, cost in costs)}")
-    for text in (*(m.message for m in result.log_messages or ()), *tell(plan)):
+    for text in (*words_told(result), *tell(plan)):
         print(text)
     verdict = judge(problem, result.plan, args.seconds_per_unit)
     print(describe(verdict))
@@ -356,7 +303,7 @@ def describe(verdict: Verdict) -> str:
 
 
 def _summary(plan: dict[str, Any], result: PlanGenerationResult, seconds: float) -> str:
-    metrics = result.metrics or {}
+    metrics = figures_told(result)
     bound = ""
     if plan["lower_bound"]:
         kind = metrics.get("bound_kind")

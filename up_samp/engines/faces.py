@@ -259,18 +259,17 @@ class ReplanningFace(DirectFace, ReplannerMixin, PlanRepairerMixin):  # type: ig
 def _speakers(problem: SchedulingProblem, activity: Activity) -> Iterator[str]:
     """Yield what the problem or another activity says of ``activity``."""
     # with UP problems comes geometry, which engines that are only named need not import
-    from up_samp.upio.expressions import activities_in
+    from up_samp.upio.expressions import activities_in, chronicles_of, effects_of
 
-    for chronicle in (problem._base, *problem.activities):
+    for _, chronicle in chronicles_of(problem):
         if chronicle is activity:
             continue
         said: list[tuple[str, tuple[Any, ...], tuple[Any, ...]]]
         said = [(f"constraint '{c}'", (c, *scope), ()) for c, scope in chronicle.scoped_constraints]
         for span, conditions in chronicle.conditions.items():
             said += [(f"condition '{c}'", (c,), (span.lower, span.upper)) for c in conditions]
-        for timing, effects in chronicle.effects.items():
-            for e in effects:
-                said.append((f"effect '{e}'", (e.fluent, e.value, e.condition), (timing,)))
+        for timing, e in effects_of(chronicle):
+            said.append((f"effect '{e}'", (e.fluent, e.value, e.condition), (timing,)))
         for text, nodes, times in said:
             named = {name for node in nodes for name in activities_in(node)}
             # ends of intervals may be bare timepoints

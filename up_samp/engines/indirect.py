@@ -19,6 +19,7 @@ from up_samp.model.objective import MinimizeCosts, terms_in
 from up_samp.model.refinement import RELATIVE
 from up_samp.upio.movers import Settled
 from up_samp.upio.objective import is_makespan, shown
+from up_samp.upio.plan import figures_told
 
 Results = Callable[[Call], Iterator[Any]]
 OPTIMAL = PlanGenerationResultStatus.SOLVED_OPTIMALLY
@@ -91,13 +92,13 @@ class InOrder:
         self._best = result.plan
         optimal = result.status is OPTIMAL
         self._proven &= optimal
-        self._relative |= (result.metrics or {}).get("bound_kind") == RELATIVE
+        self._relative |= figures_told(result).get("bound_kind") == RELATIVE
         if result.plan is None:
             return result
         worth = self._worth(result.plan)[number]
         self._limits.append(worth)
         name = " + ".join(terms_in(self._metric.of_rank(number)))
-        bound = self._bound(number, result.metrics or {})
+        bound = self._bound(number, figures_told(result))
         proven = "proven" if optimal else f"proven bound {bound}"
         self._told.append(LogMessage(LogLevel.INFO, f"{name} {shown(worth)} ({proven})"))
         self._told += self._reasons(name, result)

@@ -38,6 +38,7 @@ from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import TravelProfile, travels_of
 from up_samp.io.plan_dict import PlanDict, snapshot_of, word
 from up_samp.model import ProblemError, UnsupportedError
+from up_samp.model.graphs import reached
 from up_samp.model.snapshot import Snapshot
 from up_samp.scheduling.compilers.plain import Condition, Expr
 from up_samp.scheduling.compilers.translate import read_expression
@@ -102,17 +103,14 @@ class Draft:
         now = self.time(first)
         if abs(self.time(then) - now) > TOLERANCES.same_time:
             return False
-        seen, stack = {first}, [first]
-        while stack:
-            event = stack.pop()
-            after = [*self.after.get(event, ())]
-            if event.at is At.START:
-                after.append(Event(At.END, event.activity))
-            for later in after:
-                if later not in seen and abs(self.time(later) - now) <= TOLERANCES.same_time:
-                    seen.add(later)
-                    stack.append(later)
-        return then in seen
+
+        def at_once(event: Event) -> Iterator[Event]:
+            own = [Event(At.END, event.activity)] if event.at is At.START else []
+            for later in (*self.after.get(event, ()), *own):
+                if abs(self.time(later) - now) <= TOLERANCES.same_time:
+                    yield later
+
+        return then in reached([first], at_once)
 
     def settle_choices(self) -> tuple[Choice, ...]:
         """Return the choices that all other orders leave open; what is not open is an order."""
@@ -218,10 +216,7 @@ class Draft:
         """Let what begins together wait for all that any of it waits for."""
         done: set[Event] = set()
         for event in self.together:
-            group, new = {event}, {event} - done
-            while new:
-                new = {other for one in new for other in self.together[one]} - group
-                group |= new
+            group = set() if event in done else reached([event], self.together.__getitem__)
             done |= group
             for edge in [e for e in self.edges.values() if e.then in group]:
                 for then in group if edge.first not in group else ():
@@ -352,13 +347,7 @@ def _backward(need: Difference) -> bool:
 
 def _leads(after: Mapping[Event, list[Event]], first: Event, then: Event) -> bool:
     """Return whether there is a way from ``first`` to ``then``."""
-    seen, stack = {first}, [first]
-    while stack:
-        for event in after.get(stack.pop(), ()):
-            if event not in seen:
-                seen.add(event)
-                stack.append(event)
-    return then in seen
+    return then in reached([first], lambda event: after.get(event, ()))
 
 
 # ------------------ From a problem and its plan to the graph of what depends on what

@@ -31,6 +31,7 @@ from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import is_same_place
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import Configuration, ProblemError, UnsupportedError
+from up_samp.model.errors import short
 from up_samp.model.frames import Frame
 from up_samp.model.objective import MinimizeCosts
 from up_samp.scheduling.compilers.plain import Expr, fluents_in, show
@@ -559,8 +560,7 @@ class _Builder:
 
     def _fallen(self, constraint: FNode) -> None:
         """A constraint that cannot hold any more: fine if it was about cancelled tasks alone."""
-        text = str(constraint)
-        text = text if len(text) < 160 else text[:157] + "..."
+        text = short(str(constraint), 160)
         names = activities_in(constraint)
         cancelled = set(self.surprise.cancelled)
         own = any(

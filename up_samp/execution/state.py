@@ -664,21 +664,18 @@ def _since_now(state: FloorState, pace: Mapping[str, float]) -> dict[int, float]
     """Return when motions under way come to their next events: they have gone on since they told
     where they are.
     """
-    found, graph = {}, state.graph
+    found: dict[int, float] = {}
     for way in state.ways.values():
         if state.phase[way.activity] is not TaskPhase.RUNNING:
             continue
-        speed = pace.get(way.object, 1.0)
-        here, silent = way.travel.time_at(way.progress), state.silent(way.object)
-        ahead = [m for m in (way.marks[way.mark :], way.gates[way.gate :]) if m]
         # what comes after the first of them follows from it: it may have to wait there
-        for progress, k in sorted((p[0] for p in ahead), key=lambda p: _on_path(graph, p[1]))[:1]:
-            left = (way.travel.time_at(progress) - here) / speed - silent
-            found[k] = state.now + max(0.0, left)
-        end = state.end_number[way.activity]
-        left = (way.travel.whole - here) / speed - silent
-        found[end] = max(found.get(end, state.now), state.now + left)
-    # an end waits for the events on the way, too: only the first is taken from here
+        ahead = (*way.marks[way.mark :][:1], *way.gates[way.gate :][:1])
+        end = math.inf, state.end_number[way.activity]
+        at, k = min(ahead, key=lambda p: _on_path(state.graph, p[1]), default=end)
+        driving = way.travel.time_at(at) - way.travel.time_at(way.progress)
+        left = driving / pace.get(way.object, 1.0) - state.silent(way.object)
+        found[k] = max(found.get(k, state.now), state.now + left)
+    # an end waits for all that drive, also for those that come by something before it
     for way in state.ways.values():
         if way.marks[way.mark :] or way.gates[way.gate :]:
             found.pop(state.end_number[way.activity], None)

@@ -27,6 +27,7 @@ from up_samp.model import Body, Configuration, Deadline, PathQuery, Placed, Traj
 from up_samp.motion import MotionService
 from up_samp.motion.curves.slowing import chooses, reverses_at_a_cost, seconds_of
 from up_samp.motion.fleet.workspace import workspace_of
+from up_samp.upio.expressions import effects_of
 
 MOST_STEPS, WAY_SECONDS, PATIENCE = 60, 10.0, 60.0
 """Steps of a charger's activity, at most; time for one drive whose way is asked for, and for all of
@@ -212,9 +213,8 @@ def levels(
         ]
         for who, a in charges:
             if who == robot:
-                effects = itertools.chain(*by_name[a["name"]].effects.values())
-                level_of = battery_of(robot)
-                effect = next(e for e in effects if e.fluent.fluent().name == level_of)
+                effects, level_of = effects_of(by_name[a["name"]]), battery_of(robot)
+                effect = next(e for _, e in effects if e.fluent.fluent().name == level_of)
                 given = float(effect.value.constant_value()) * battery.capacity / battery.grains
                 given = math.inf if effect.is_assignment() else given
                 changes.append((float(a["end"]) * unit, given))

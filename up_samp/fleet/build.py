@@ -27,6 +27,7 @@ from up_samp.fleet.spelled_out import spelled_out
 from up_samp.fleet.statements import Kind, Written, one_at_a_time, present
 from up_samp.fleet.work import Work
 from up_samp.model.objective import Cost, MinimizeCosts
+from up_samp.upio.expressions import effects_of
 
 
 def write_problem(records: FleetRecords, folder: Path) -> Written:
@@ -136,7 +137,7 @@ def _energy(site: Site, work: Work) -> Iterator[Amount]:
     for a in _drives(site):
         robot = site.meanings[a.name].robot
         battery = site.kind_of(robot).battery
-        for effect in (e for effects in a.effects.values() for e in effects):
+        for _, effect in effects_of(a):
             if battery is not None and effect.fluent == site.batteries[robot]:
                 yield battery.capacity / battery.grains, effect.value, a
 

@@ -58,6 +58,7 @@ from up_samp.io.precision import PRECISION
 from up_samp.io.sampling import in_formation
 from up_samp.model import SampError
 from up_samp.model.objective import MinimizeCosts
+from up_samp.upio.plan import figures_told, words_told
 from up_samp.validation import terms_of
 
 if TYPE_CHECKING:  # Matplotlib is slow to import
@@ -152,11 +153,11 @@ class FleetResult:
 
     def explain(self) -> str:
         """Tell in words what came out, and why there is no plan if there is none."""
-        messages = [m.message for m in self.outcome.log_messages or []]
+        messages = words_told(self.outcome)
         if self.plan is None:
             found = [] if self.fleet is None else self.fleet.check()
             return "\n".join([f"no plan: {self.status}", *messages, *map(str, found)])
-        metrics = self.outcome.metrics or {}
+        metrics = figures_told(self.outcome)
         unit = self.seconds_per_unit
         bound = float(metrics.get("lower_bound", 0)) * unit
         lines = [f"{self.status}: all is over after {self.makespan:g} s"]

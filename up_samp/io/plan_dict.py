@@ -21,7 +21,7 @@ from up_samp.model.frames import PlacedMap
 from up_samp.model.refinement import ABSOLUTE
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.movers import named_as_planned
-from up_samp.upio.plan import trajectory_key
+from up_samp.upio.plan import figures_told, trajectory_key, words_told
 from up_samp.upio.read import read_problem
 
 # ------------------ Plans as plain dictionaries
@@ -64,10 +64,8 @@ def plan_to_dict(
     """
     seconds_per_unit = _unit(seconds_per_unit, getattr(plan, "seconds_per_unit", None))
     activities = _activities(problem, plan)
-    named = named_as_planned(problem, {"activities": activities})
-    snapshot = snapshot_of(named, seconds_per_unit)
+    snapshot = snapshot_of(named_as_planned(problem, {"activities": activities}), seconds_per_unit)
     times = {a["name"]: (a["start"], a["end"]) for a in activities}
-    whole = seconds_per_unit % 1 == 0
     maps = described_maps(snapshot)
     data: PlanDict = {
         "format": FORMAT,
@@ -78,7 +76,7 @@ def plan_to_dict(
         "makespan": max((end for _, end in times.values()), default=0),
         "lower_bound": _plain(lower_bound),
         # not rounded: it is multiplied with times of any size
-        "seconds_per_unit": int(seconds_per_unit) if whole else seconds_per_unit,
+        "seconds_per_unit": _exact(seconds_per_unit),
         "map": dict(maps[0]) if maps else {"yaml": None},
         "objects": described_objects(snapshot),
         "activities": activities,
@@ -128,10 +126,10 @@ def result_to_dict(
     engine says of why, or if ``seconds_per_unit`` differs.
     """
     if result.plan is None:
-        why = "; ".join(m.message for m in result.log_messages or ())
+        why = "; ".join(words_told(result))
         told = f"{result.engine_name} found no plan ({result.status.name})"
         raise ProblemError(f"{told}: {why}" if why else told)
-    metrics = result.metrics or {}
+    metrics = figures_told(result)
     bound = metrics.get("lower_bound")
     known = metrics.get("seconds_per_unit")
     if known is not None and getattr(result.plan, "seconds_per_unit", None) is None:
@@ -276,8 +274,12 @@ def _activities(problem: SchedulingProblem, plan: Schedule) -> list[dict[str, An
 
 
 def _number(value: FNode) -> float | int:
-    constant = value.constant_value()
-    return int(constant) if int(constant) == constant else float(constant)
+    return _exact(value.constant_value())
+
+
+def _exact(number: Any) -> float | int:
+    """Return a whole number as an int, anything else as it is, as JSON would hold it."""
+    return int(number) if number % 1 == 0 else float(number)
 
 
 def value_of(value: FNode) -> bool | int | float | str:

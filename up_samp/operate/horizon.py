@@ -29,6 +29,7 @@ from up_samp.execution.tolerances import TOLERANCES
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model.arrays import FloatArray
+from up_samp.model.graphs import reached
 from up_samp.motion.fleet.conflicts import conflicting_cells
 from up_samp.motion.fleet.paths import Path, resting_path
 from up_samp.operate.records import Pose
@@ -190,13 +191,11 @@ class Cutter:
 
     def _closure(self, seeds: Iterable[int], next_: Mapping[int, list[int]]) -> frozenset[int]:
         """Return what hangs on some events and has not happened, these included."""
-        found, stack = set(), list(seeds)
-        while stack:
-            k = stack.pop()
-            if k not in found and self.state.when[k] is None:
-                found.add(k)
-                stack += next_.get(k, ())
-        return frozenset(found)
+
+        def to_come(some: Iterable[int]) -> list[int]:
+            return [k for k in some if self.state.when[k] is None]
+
+        return frozenset(reached(to_come(seeds), lambda k: to_come(next_.get(k, ()))))
 
     def _alive(self, name: str) -> bool:
         return self.state.end_number[name] not in self.dead

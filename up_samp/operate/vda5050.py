@@ -201,6 +201,10 @@ class MasterControl:
         if tls:
             own = tls if isinstance(tls, str) else None
             self.client.tls_set_context(ssl.create_default_context(cafile=own))
+        self._enter(host, port)
+
+    def _enter(self, host: str, port: int) -> None:
+        """Come to the broker."""
         self.client.on_connect = self._connected
         self.client.on_message = self._arrived
         try:

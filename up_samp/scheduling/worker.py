@@ -124,7 +124,7 @@ def engine_of(task: WorkerTask, known: dict[tuple[str, str, str], Any]) -> Any:
 def run(task: WorkerTask, engines: dict[tuple[str, str, str], Any]) -> WorkerAnswer:
     """Solve one task; every failure of the engine becomes an answer."""
     from up_samp.scheduling.compilers.translate import ProblemWriter
-    from up_samp.upio.plan import to_candidate
+    from up_samp.upio.plan import to_candidate, words_told
 
     try:
         os.environ.update(task.environment)
@@ -143,7 +143,7 @@ def run(task: WorkerTask, engines: dict[tuple[str, str, str], Any]) -> WorkerAns
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             result = engine.solve(problem, timeout=timeout)
-        logs = "; ".join(str(m.message) for m in result.log_messages or [])
+        logs = "; ".join(map(str, words_told(result)))
         if result.plan is None:
             return WorkerAnswer(result.status.name, message=logs[-2000:])
         found = written.read_back(to_candidate(result.plan))

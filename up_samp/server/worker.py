@@ -105,14 +105,14 @@ def tell_result(problem: Any, result: Any, teller: Teller, *, last: bool) -> Non
     """Tell a plan, if there is one, and the end, if it is the engine's last or enough."""
     from up_samp.execution import shown_with_dependencies
     from up_samp.io import result_to_dict
+    from up_samp.upio.plan import figures_told, words_told
 
-    said = [m.message for m in result.log_messages or []]
+    said, metrics = words_told(result), figures_told(result)
     if result.plan is not None:
         plan, why = shown_with_dependencies(problem, result_to_dict(problem, result))
         said += [why] if why else []
         plan["map"] = {"yaml": None}  # the server's own files are nobody's business
         teller.tell_plan(plan)
-    metrics = result.metrics or {}
     between = result.status.name == "INTERMEDIATE"
     teller.tell(
         event="progress" if between and not last else "end",

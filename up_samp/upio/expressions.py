@@ -46,14 +46,25 @@ def conjuncts(node: FNode) -> list[FNode]:
     return [node]
 
 
+def chronicles_of(problem: SchedulingProblem) -> Iterator[tuple[str | None, Any]]:
+    """Yield all that says something of a problem, by name: itself (None), and its activities."""
+    yield None, problem._base
+    yield from ((activity.name, activity) for activity in problem.activities)
+
+
+def effects_of(chronicle: TimedCondsEffs) -> Iterator[tuple[Timing, Effect]]:
+    """Yield the effects of an activity, or of the problem itself, with their times."""
+    for timing, effects in chronicle.effects.items():
+        yield from ((timing, effect) for effect in effects)
+
+
 def constraints_of(
     problem: SchedulingProblem,
 ) -> Iterator[tuple[str | None, FNode, list[FNode]]]:
     """Yield all constraints of a problem with their scopes, each after the activity that has it
     (None: the problem itself).
     """
-    for owner in (problem._base, *problem.activities):
-        name = None if owner is problem._base else owner.name
+    for name, owner in chronicles_of(problem):
         yield from ((name, constraint, scope) for constraint, scope in owner.scoped_constraints)
 
 
@@ -299,5 +310,5 @@ def has_bare_ends(problem: Any) -> bool:
     """Return whether some interval of a scheduling problem ends at a bare timepoint: then UP cannot
     compute the problem's kind.
     """
-    spans = (s for c in (problem._base, *problem.activities) for s in c.conditions)
+    spans = (span for _, chronicle in chronicles_of(problem) for span in chronicle.conditions)
     return any(with_timings(span) is not span for span in spans)

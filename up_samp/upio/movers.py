@@ -34,7 +34,14 @@ from unified_planning.model.motion import (
 from unified_planning.model.scheduling import Activity, SchedulingProblem
 
 from up_samp.model import ProblemError, UnsupportedError
-from up_samp.upio.expressions import activities_in, conditions_of, rewritten, walk
+from up_samp.upio.expressions import (
+    activities_in,
+    conditions_of,
+    constraints_of,
+    effects_of,
+    rewritten,
+    walk,
+)
 from up_samp.upio.objective import check_copied
 from up_samp.upio.plan import SampSchedule
 from up_samp.upio.read_maps import LIMITS
@@ -261,15 +268,10 @@ def _without_motions(activity: MotionActivity, parameters: list[Parameter]) -> A
         rest = [c for c in conditions if not put.speaks(c)]
         if rest:
             plain._conditions[span] = rest
-    for timing, effect in _effects_of(activity):
+    for timing, effect in effects_of(activity):
         if not put.speaks(*_spoken(effect)):
             plain._add_effect_instance(timing, effect)
     return plain
-
-
-def _effects_of(activity: Activity) -> Iterator[tuple[Timing, Effect]]:
-    for timing, effects in activity.effects.items():
-        yield from ((timing, effect) for effect in effects)
 
 
 def _copy(
@@ -293,7 +295,7 @@ def _copy(
         mine = [put(c) for c in conditions if whole or put.speaks(c)]
         if mine:
             copy._conditions[put.span(span)] = mine
-    for timing, effect in _effects_of(activity):
+    for timing, effect in effects_of(activity):
         if whole or put.speaks(*_spoken(effect)):
             said = Effect(*map(put, _spoken(effect)), effect.kind, effect.forall)
             copy._add_effect_instance(put.timing(timing), said)
@@ -450,8 +452,7 @@ class Involved:
 def _mentions(activity: Activity) -> Iterator[FNode]:
     for nodes in activity.conditions.values():
         yield from nodes
-    for effects in activity.effects.values():
-        yield from (e.fluent for e in effects)
+    yield from (effect.fluent for _, effect in effects_of(activity))
 
 
 def _objects(node: FNode) -> frozenset[str]:
@@ -463,8 +464,8 @@ def _takers(problem: SchedulingMotionProblem) -> dict[FNode, set[str]]:
     """Return which activities change a fluent as they start."""
     found: dict[FNode, set[str]] = {}
     for activity in problem.activities:
-        for timing, effects in activity.effects.items():
-            for effect in effects if timing.is_from_start() else ():
+        for timing, effect in effects_of(activity):
+            if timing.is_from_start():
                 found.setdefault(effect.fluent, set()).add(activity.name)
     return found
 
@@ -474,19 +475,16 @@ def _rivals(problem: SchedulingMotionProblem) -> dict[str, set[str]]:
     speaks of the start and the end of both.
     """
     found: dict[str, set[str]] = {}
-    owners: list[tuple[str | None, Any]] = [(None, problem._base)]
-    owners += [(a.name, a) for a in problem.activities]
-    for owner, chronicle in owners:
-        for constraint, _ in chronicle._constraints:
-            pair = activities_in(constraint) | ({owner} if owner else set())
-            points = {
-                (n.timing().timepoint.container or owner, n.timing().is_from_start())
-                for n in walk(constraint)
-                if n.is_timing_exp()
-            }
-            if len(pair) == 2 and len(points) == 4:
-                for name in pair:
-                    found.setdefault(name, {name}).update(pair)
+    for owner, constraint, _ in constraints_of(problem):
+        pair = activities_in(constraint) | ({owner} if owner else set())
+        points = {
+            (n.timing().timepoint.container or owner, n.timing().is_from_start())
+            for n in walk(constraint)
+            if n.is_timing_exp()
+        }
+        if len(pair) == 2 and len(points) == 4:
+            for name in pair:
+                found.setdefault(name, {name}).update(pair)
     return found
 
 

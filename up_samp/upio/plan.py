@@ -53,6 +53,16 @@ class SampSchedule(MotionSchedule):  # type: ignore[misc]
         self.margin: float | None = None
 
 
+def figures_told(result: Any) -> dict[str, Any]:
+    """Return what an engine's result tells in figures, by name."""
+    return result.metrics or {}
+
+
+def words_told(result: Any) -> list[str]:
+    """Return what an engine's result tells in words."""
+    return [message.message for message in result.log_messages or ()]
+
+
 def trajectory_key(activity: str, index: int) -> str:
     """Return the name in a plan of what an activity's motion constraint of this number drives."""
     return activity if index == 0 else f"{activity}#{index}"

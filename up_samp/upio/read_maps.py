@@ -154,10 +154,15 @@ def read_movable(obj: MovableObject) -> Movable:
     return Movable(obj.name, obj.type.name, body)
 
 
+def _told(obj: MovableObject) -> dict[str, Any]:
+    """Return the motion parameters of an object."""
+    return obj.motion_parameters or {}
+
+
 def _read_height(obj: MovableObject, model: MotionModel) -> float:
     """Return how high (m) a body that moves in the plane is: to the sky where it is not said."""
-    height = (obj.motion_parameters or {}).get(_HEIGHT, math.inf)
-    if _HEIGHT in (obj.motion_parameters or {}) and model.mobility.flies:
+    height = _told(obj).get(_HEIGHT, math.inf)
+    if _HEIGHT in _told(obj) and model.mobility.flies:
         raise ProblemError(f"object '{obj.name}': its mesh tells its height, not '{_HEIGHT}'")
     try:
         value = float(height)
@@ -187,7 +192,7 @@ def _corners(
 
 def _read_kinematics(obj: MovableObject, model: MotionModel) -> Kinematics:
     own = (_HEIGHT, _REVERSE, _V_BACK, _BACK_COST, *_TURNS, _ZONES, _ALONG)
-    given = {k: v for k, v in (obj.motion_parameters or {}).items() if k not in own}
+    given = {k: v for k, v in _told(obj).items() if k not in own}
     if obj.control_model is None:
         # UP's own examples put the turning radius there
         given = {**(obj.control_parameters or {}), **given}
@@ -217,7 +222,7 @@ def _read_kinematics(obj: MovableObject, model: MotionModel) -> Kinematics:
 
 def _with_rules(obj: MovableObject, limits: Kinematics) -> Kinematics:
     """Return the limits with what is said of driving backwards, and of places."""
-    who, own = f"object '{obj.name}'", obj.motion_parameters or {}
+    who, own = f"object '{obj.name}'", _told(obj)
 
     def positive(key: str, unit: str = "") -> Any:
         most = own.get(key, math.inf)
@@ -320,7 +325,7 @@ def _bicycle(
     """Return a car's limits. The model can reverse, at ``-v_min`` at most where that is negative
     (one top speed is used for both ways); a positive ``v_min`` is a speed, not a direction.
     """
-    own = obj.motion_parameters or {}
+    own = _told(obj)
     speed = float(given["v_max"])
     if float(given.get("v_min", -speed)) < 0:
         speed = min(speed, -float(given.get("v_min", -speed)))

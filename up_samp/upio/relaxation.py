@@ -45,7 +45,7 @@ from up_samp.model import (
 )
 from up_samp.model.refinement import Given, Literal
 from up_samp.model.snapshot import Snapshot, Term, TermKind
-from up_samp.upio.expressions import constraints_of, walk
+from up_samp.upio.expressions import chronicles_of, constraints_of, walk
 from up_samp.upio.movers import FluentChanges, changes_of
 
 
@@ -88,8 +88,8 @@ class Relaxation:
 
     def __post_init__(self) -> None:
         self.activities = {a.name: a for a in self.problem.activities}
-        owners = (self.problem._base, *self.problem.activities)
-        self.variables = {p.name: p for owner in owners for p in owner.parameters}
+        owners = chronicles_of(self.problem)
+        self.variables = {p.name: p for _, owner in owners for p in owner.parameters}
 
     @cached_property
     def manager(self) -> ExpressionManager:

@@ -34,6 +34,7 @@ from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermK
 from up_samp.upio.expressions import (
     closed,
     conditions_of,
+    effects_of,
     inner,
     nothing_but_an_instant,
     own_end,
@@ -96,9 +97,8 @@ def _copy_timed(source: TimedCondsEffs, target: TimedCondsEffs, rewriter: Rewrit
     for span, conditions in conditions_of(source).items():
         same = target._conditions.setdefault(span, [])
         same += [c for c in map(rewriter, conditions) if c not in same]
-    for timing, effects in source.effects.items():
-        for effect in effects:
-            target._add_effect_instance(timing, rewriter.effect(effect))
+    for timing, effect in effects_of(source):
+        target._add_effect_instance(timing, rewriter.effect(effect))
     if source._simulated_effects:
         raise UnsupportedError("simulated effects are not supported in scheduling problems")
 

@@ -28,6 +28,7 @@ from up_samp.geometry.records import GridFrame, PolyData, grid_along, grid_point
 from up_samp.geometry.shapes import core_of, shape_of
 from up_samp.model import Body, Configuration, Deadline, Outcome, PathReport, Placed, check_time
 from up_samp.model.arrays import BoolArray, Int32Array, IntArray
+from up_samp.model.graphs import reached as reached_from
 from up_samp.motion.guides import point_to_convex
 from up_samp.motion.proofs.heading_slices import MOST_BOXES, separated
 from up_samp.motion.proofs.orders import (
@@ -404,15 +405,11 @@ class Regions:
 
     def reaches(self, start: int, goal: int, removed: int) -> bool:
         """Return whether two labels are joined once the obstacles in ``removed`` are gone."""
-        if self.owners.get(start, 0) & ~removed:
-            return False
-        seen, stack = {start}, [start]
-        while stack:
-            for other in self.links.get(stack.pop(), ()):
-                if other not in seen and not self.owners.get(other, 0) & ~removed:
-                    seen.add(other)
-                    stack.append(other)
-        return goal in seen
+
+        def free(some: Iterable[int]) -> list[int]:
+            return [n for n in some if not self.owners.get(n, 0) & ~removed]
+
+        return goal in reached_from(free([start]), lambda here: free(self.links.get(here, ())))
 
 
 def box_of(owners: IntArray) -> tuple[slice, slice]:

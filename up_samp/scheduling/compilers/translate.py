@@ -46,7 +46,14 @@ from up_samp.scheduling.compilers.plain import (
     implies,
     later,
 )
-from up_samp.upio.expressions import QuantifierRemover, constraints_of, whole_bounds, with_timings
+from up_samp.upio.expressions import (
+    QuantifierRemover,
+    chronicles_of,
+    constraints_of,
+    effects_of,
+    whole_bounds,
+    with_timings,
+)
 
 OPERATORS = {
     "and": Op.AND,
@@ -137,15 +144,12 @@ class _ProblemReader:
         problem = self.problem
         constraints = [c for _, c in self.constraints()]
         conditions, effects = [], []
-        chronicles: list[tuple[Any, str | None]] = [(problem._base, None)]
-        chronicles.extend((activity, activity.name) for activity in problem.activities)
-        for chronicle, owner in chronicles:
+        for owner, chronicle in chronicles_of(problem):
             for span, expressions in chronicle.conditions.items():
                 conditions += [self._condition(span, e, owner) for e in expressions]
-            for timing, all_effects in chronicle.effects.items():
-                for effect in all_effects:
-                    each = self._written_out.effects(effect)
-                    effects += [self._effect(timing, e, owner) for e in each]
+            for timing, effect in effects_of(chronicle):
+                each = self._written_out.effects(effect)
+                effects += [self._effect(timing, e, owner) for e in each]
         return PlainProblem(
             activities=tuple(self._activity(a) for a in problem.activities),
             constraints=tuple(c for c in constraints if c != TRUE),

@@ -11,6 +11,7 @@ from unified_planning.model import FNode
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.model import ProblemError, UnsupportedError
+from up_samp.model.errors import short
 from up_samp.model.snapshot import Snapshot
 from up_samp.scheduling.compilers.constraints import amounts_taken
 from up_samp.scheduling.compilers.plain import Effect, Expr, show, subexpressions
@@ -148,8 +149,7 @@ def constraint_texts(problem: SchedulingProblem) -> Iterator[tuple[FNode, str]]:
 
 
 def _short(e: Expr) -> str:
-    text = show(e)
-    return text if len(text) <= 160 else text[:157] + "..."
+    return short(show(e), 160)
 
 
 def _durations(planned: Planned) -> Iterator[OrderConstraint]:

@@ -92,6 +92,11 @@ class StateVar:
     _by_owner: dict[int | None, list[Write]] = field(default_factory=dict)
     _indexed: int = 0
 
+    @property
+    def listed(self) -> frozenset[int]:
+        """The values that it may take, where they can be listed."""
+        return frozenset(self.values or ())
+
     def exempt(self, owner: int | None) -> list[Write]:
         """Return the writes that conditions of ``owner`` are not kept apart from."""
         if owner is None:
@@ -112,7 +117,7 @@ class StateVar:
         decisions).
         """
         if self.initial is None or any(w.add or w.value.terms for w in self.writes):
-            return self.values or ()
+            return self.listed
         return {self.initial, *(w.value.const for w in self.writes)}
 
     def lasts(self, allowed: frozenset[int]) -> bool:

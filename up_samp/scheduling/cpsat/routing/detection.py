@@ -88,7 +88,7 @@ def _change(
 ) -> Mover:
     state = timeline.state
     writes = [state.writes[i] for i in numbers]
-    everything = frozenset(state.values or ())
+    everything = state.listed
     anywhere = frozenset[int]().union(*(_values(model, w.value, everything) for w in writes))
     if owner is None:
         return Mover(None, everything, anywhere, odd="sets it", free=True)
@@ -545,7 +545,7 @@ def refusals(model: ScheduleModel, routes: list[Route]) -> dict[Key, str]:
             continue
         state = timeline.state
         owners = {w.owner for w in state.writes} - {None}
-        if len(state.values or ()) > 2 and len(owners) > 2:
+        if len(state.listed) > 2 and len(owners) > 2:
             place = _place(model, timeline, cliques)
             what = "what happens at its places, or its moves, are moves or stops of another"
             found[key] = place if isinstance(place, str) else what
@@ -571,7 +571,7 @@ def _place(model: ScheduleModel, timeline: Timeline, cliques: Cliques) -> RouteP
     if 2 * len(free) > len(changes) or all(c.odd and len(c.targets) > 1 for c in changes):
         name = next(c.name for c in changes if c.odd)
         return f"{name} does not lead from a place at its start to one place in the end"
-    values = frozenset(state.values or ())
+    values = state.listed
     if len(values) < 3 and any(c.origins >= values for c in changes):
         return "it is a switch that is set whatever it was"
     if not _stops(model, place)[0]:
@@ -593,7 +593,7 @@ def _route(model: ScheduleModel, place: RoutePlace, lengths: Lengths) -> Route:
     never = frozenset(model.states.activity(owner or 0).name for owner in owners)
     stops, late = _stops(model, place)
     rests = _rests(model, place, stops)
-    anywhere = frozenset(state.values or ())
+    anywhere = state.listed
     route = Route(
         state.key,
         place.gap,
