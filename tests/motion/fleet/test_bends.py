@@ -9,7 +9,7 @@ import pytest
 
 from tests.motion.oracle import RECTANGLE
 from up_samp.model import Body, Kinematics, MotionModel
-from up_samp.motion.curves.blending import Chain, first_speeds, timed
+from up_samp.motion.curves.blending import Chain, fastest_speeds, timed
 from up_samp.motion.fleet.one_robot import _timed_slide
 from up_samp.motion.fleet.paths import path_of, safe_intervals
 from up_samp.motion.fleet.speed import tune
@@ -40,7 +40,7 @@ def blended(seed):
         heading += rng.uniform(-1.5, 1.5)
     body = omni(rng.choice([0.5, 1.0, 2.0]), rng.choice([0.3, 0.5, 1.0, 2.0]))
     chain = Chain.of(np.array(nodes), body.kinematics)
-    motion, _ = timed(chain, first_speeds(chain))
+    motion, _ = timed(chain, fastest_speeds(chain.pieces))
     path = path_of(motion, body, (tuple(nodes[0]), tuple(nodes[-1])))
     for others in (0, 1, 2):
         held = [(rng.randint(1, path.cells), t, t + 2.0) for t in range(others)]

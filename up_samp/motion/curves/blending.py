@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,6 +31,21 @@ TINY = 1e-9
 
 
 # ------------------ Compiled: speeds and samples of straight pieces
+
+
+class BlendedPieces(NamedTuple):
+    """Straight pieces: ``nodes`` (n, 3); lengths (m) and top speeds (m/s) of the pieces between;
+    ``bends`` (n,): |u2 - u1| of the directions at a node, 0 at both ends. ``a`` and ``omega`` limit
+    acceleration (m/s2) and turns on the spot (rad/s).
+    """
+
+    nodes: FloatArray
+    lengths: FloatArray
+    tops: FloatArray
+    bends: FloatArray
+    a: float
+    omega: float
+
 
 Samples = tuple[FloatArray, FloatArray, IntArray]
 """Instants (n,), poses (n, 3) and the nodes (n,) in or near whose blend they are."""
@@ -51,35 +67,44 @@ _profile = inner(profile)
 
 
 @lean_inner
-def _reach(bends: FloatArray, speeds: FloatArray, a: float, i: int) -> float:
+def _reach(pieces: BlendedPieces, speeds: FloatArray, i: int) -> float:
     """Return how far (m) from node ``i`` its blend begins and ends."""
-    reach: float = speeds[i] * speeds[i] * bends[i] / (2 * a)
+    reach: float = speeds[i] * speeds[i] * pieces.bends[i] / (2 * pieces.a)
     return reach
 
 
+@inner
+def _free(pieces: BlendedPieces, speeds: FloatArray, i: int) -> float:
+    """Return how long (m) a piece is without the blends at its ends."""
+    free: float = pieces.lengths[i] - _reach(pieces, speeds, i) - _reach(pieces, speeds, i + 1)
+    return max(free, 0.0)
+
+
 @kernel
-def _first_speeds(lengths: FloatArray, tops: FloatArray, bends: FloatArray, a: float) -> FloatArray:
-    speeds = np.zeros(len(bends))
+def fastest_speeds(pieces: BlendedPieces) -> FloatArray:
+    """Return the largest speeds (m/s) at the nodes for which blends and trapezoids fit."""
+    speeds, lengths, tops = np.zeros(len(pieces.bends)), pieces.lengths, pieces.tops
     for i in range(1, len(lengths)):
-        before, after = lengths[i - 1], lengths[i]
-        if min(before, after) < TINY or bends[i] > 2.0 - TINY:
+        before, after, bend = lengths[i - 1], lengths[i], pieces.bends[i]
+        if min(before, after) < TINY or bend > 2.0 - TINY:
             continue  # a turn on the spot, or nothing is won by going on farther
         room = 0.45 * min(before, after)
-        fits = math.sqrt(2 * a * room / bends[i]) if bends[i] > TINY else math.inf
+        fits = math.sqrt(2 * pieces.a * room / bend) if bend > TINY else math.inf
         speeds[i] = min(fits, tops[i - 1], tops[i])
-    return _settled(lengths, bends, speeds, a)
+    return settled_speeds(pieces, speeds)
 
 
 @kernel
-def _settled(lengths: FloatArray, bends: FloatArray, speeds: FloatArray, a: float) -> FloatArray:
-    found, many = speeds.copy(), len(lengths)
+def settled_speeds(pieces: BlendedPieces, speeds: FloatArray) -> FloatArray:
+    """Return the speeds lowered until each piece can change from one to the other."""
+    found, many = speeds.copy(), len(pieces.lengths)
     for _ in range(4):
         before = found.copy()
         for k in range(2 * many):
             i = k if k < many else 2 * many - 1 - k
             low, high = (i, i + 1) if found[i] <= found[i + 1] else (i + 1, i)
-            free = lengths[i] - _reach(bends, found, a, i) - _reach(bends, found, a, i + 1)
-            most = math.sqrt(found[low] * found[low] + 2 * a * max(free, 0.0))
+            free = _free(pieces, found, i)
+            most = math.sqrt(found[low] * found[low] + 2 * pieces.a * free)
             found[high] = min(found[high], most)
         if np.all(found == before):
             break
@@ -87,132 +112,96 @@ def _settled(lengths: FloatArray, bends: FloatArray, speeds: FloatArray, a: floa
 
 
 @kernel
-def _lasts(
-    nodes: FloatArray,
-    lengths: FloatArray,
-    tops: FloatArray,
-    bends: FloatArray,
-    speeds: FloatArray,
-    limits: tuple[float, float],
-) -> float:
-    """Return how long (s) straight pieces and their blends take; ``limits`` of acceleration (m/s2)
-    and of turns on the spot (rad/s).
-    """
-    total, (a, omega) = 0.0, limits
-    for i in range(len(lengths)):
-        if lengths[i] < TINY:
-            total += abs(nodes[i + 1, 2] - nodes[i, 2]) / omega
+def _lasts(pieces: BlendedPieces, speeds: FloatArray) -> float:
+    """Return how long (s) straight pieces and their blends take."""
+    total = 0.0
+    for i in range(len(pieces.lengths)):
+        if pieces.lengths[i] < TINY:
+            total += abs(pieces.nodes[i + 1, 2] - pieces.nodes[i, 2]) / pieces.omega
             continue
-        last = _reach(bends, speeds, a, i + 1)
-        free = max(lengths[i] - _reach(bends, speeds, a, i) - last, 0.0)
-        _, rise, cruise, fall = _profile(free, speeds[i], speeds[i + 1], tops[i], a)
+        free, w0, w1 = _free(pieces, speeds, i), speeds[i], speeds[i + 1]
+        _, rise, cruise, fall = _profile(free, w0, w1, pieces.tops[i], pieces.a)
         total += rise + cruise + fall
-        total += 2 * last / speeds[i + 1] if speeds[i + 1] > 0 else 0.0
+        total += 2 * _reach(pieces, speeds, i + 1) / w1 if w1 > 0 else 0.0
     return total
 
 
 @inner
-def _sampled_at(samples: Samples, n: int, seconds: float, step: float, owner: int) -> int:
+def _instants(samples: Samples, n: int, seconds: float, step: float, owner: int) -> int:
     """Write the instants of a time that begins at sample ``n`` and lasts so many seconds, evenly
-    spaced and no more than a ``step`` (s) from each to the next; return how many they are.
+    spaced and no more than a ``step`` (s) from each to the next; return the last one's number.
     """
     times, _, owners = samples
     count = max(1, math.ceil(seconds / step - 1e-9)) if seconds > TINY else 0
     for k in range(1, count + 1):
         times[n + k] = times[n] + (seconds if k == count else k * (seconds / count))
         owners[n + k] = owner
-    return count
+    return n + count
 
 
 @inner
 def _straight(
-    samples: Samples,
-    n: int,
-    start: FloatArray,
-    way: FloatArray,
-    length: float,
-    reaches: tuple[float, float],
-    speeds: tuple[float, float],
-    limits: tuple[float, float],
-    step: float,
-    node: int,
+    samples: Samples, n: int, pieces: BlendedPieces, speeds: FloatArray, i: int, step: float
 ) -> int:
-    """Sample a straight piece without the blends at its ends, by a top speed and an acceleration;
-    return the last sample.
-    """
+    """Sample a straight piece without the blends at its ends; return the last sample."""
     times, poses, _ = samples
-    (first, last), (w0, w1), (top, a) = reaches, speeds, limits
-    free, done = max(length - first - last, 0.0), 0.0
-    peak, rise, cruise, fall = _profile(free, w0, w1, top, a)
+    start, length, a, w0 = pieces.nodes[i], pieces.lengths[i], pieces.a, speeds[i]
+    way, first = pieces.nodes[i + 1] - start, _reach(pieces, speeds, i)
+    free, done = _free(pieces, speeds, i), 0.0
+    peak, rise, cruise, fall = _profile(free, w0, speeds[i + 1], pieces.tops[i], a)
     for seconds, begin, slope in ((rise, w0, a), (cruise, peak, 0.0), (fall, peak, -a)):
-        owner = node if done < free / 2 - TINY else node + 1
-        count, driven = _sampled_at(samples, n, seconds, step, owner), done
-        for k in range(n + 1, n + count + 1):
+        owner = i if done < free / 2 - TINY else i + 1
+        last, driven = _instants(samples, n, seconds, step, owner), done
+        for k in range(n + 1, last + 1):
             passed = times[k] - times[n]
             driven = done + begin * passed + 0.5 * slope * passed * passed
             poses[k] = start + min((first + driven) / length, 1.0) * way
-        n, done = n + count, driven
+        n, done = last, driven
     return n
 
 
 @inner
 def _bent(
-    samples: Samples,
-    n: int,
-    node: FloatArray,
-    before: FloatArray,
-    after: FloatArray,
-    seconds: float,
-    step: float,
-    owner: int,
+    samples: Samples, n: int, pieces: BlendedPieces, speeds: FloatArray, i: int, step: float
 ) -> tuple[int, int]:
-    """Sample a parabola near a node, from one velocity to another one; return its middle and its
-    last sample.
+    """Sample the blend at a node: a parabola from one velocity to another one. Return its middle
+    and its last sample.
     """
     times, poses, _ = samples
-    begin, start = n, node - before * (seconds / 2)
-    middle = n + _sampled_at(samples, n, seconds / 2, step, owner)
-    n = middle + _sampled_at(samples, middle, seconds / 2, step, owner)
-    for k in range(begin + 1, n + 1):
-        passed = times[k] - times[begin]
+    node, seconds = pieces.nodes[i], 2 * _reach(pieces, speeds, i) / speeds[i]
+    before = (node - pieces.nodes[i - 1]) / pieces.lengths[i - 1] * speeds[i]
+    after = (pieces.nodes[i + 1] - node) / pieces.lengths[i] * speeds[i]
+    start, middle = node - before * (seconds / 2), _instants(samples, n, seconds / 2, step, i)
+    last = _instants(samples, middle, seconds / 2, step, i)
+    for k in range(n + 1, last + 1):
+        passed = times[k] - times[n]
         poses[k] = start + passed * before + passed * passed / (2 * seconds) * (after - before)
-    return middle, n
+    return middle, last
 
 
 @kernel
 def _sampled(
-    nodes: FloatArray,
-    lengths: FloatArray,
-    tops: FloatArray,
-    bends: FloatArray,
-    speeds: FloatArray,
-    limits: tuple[float, float],
-    step: float,
+    pieces: BlendedPieces, speeds: FloatArray, step: float
 ) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
     """Return instants (n,), poses (n, 3) and the nodes (n,) in or near whose blend they are; and by
     node which sample is the middle of its blend (-1: none is).
     """
-    a, omega = limits
-    room = int(_lasts(nodes, lengths, tops, bends, speeds, limits) / step) + 6 * len(lengths) + 2
+    nodes, many = pieces.nodes, len(pieces.lengths)
+    room = int(_lasts(pieces, speeds) / step) + 6 * many + 2
     times, poses, owners = np.zeros(room), np.zeros((room, 3)), np.zeros(room, dtype=np.int64)
     samples, middles, n = (times, poses, owners), np.full(len(nodes), -1), 0
     poses[0] = nodes[0]
-    for i in range(len(lengths)):
-        way, begin, w1 = nodes[i + 1] - nodes[i], n, speeds[i + 1]
-        if lengths[i] < TINY:  # a turn on the spot
-            seconds = abs(way[2]) / omega
-            n += _sampled_at(samples, n, seconds, step, i)
+    for i in range(many):
+        if pieces.lengths[i] < TINY:  # a turn on the spot
+            way, begin = nodes[i + 1] - nodes[i], n
+            seconds = abs(way[2]) / pieces.omega
+            n = _instants(samples, n, seconds, step, i)
             for k in range(begin + 1, n + 1):
                 poses[k] = nodes[i] + (times[k] - times[begin]) / seconds * way
             continue
-        reaches = _reach(bends, speeds, a, i), _reach(bends, speeds, a, i + 1)
-        pair, most = (speeds[i], w1), (tops[i], a)
-        n = _straight(samples, n, nodes[i], way, lengths[i], reaches, pair, most, step, i)
-        if w1 > 0.0 and reaches[1] > TINY:
-            then = (nodes[i + 2] - nodes[i + 1]) / lengths[i + 1] * w1
-            seconds, now = 2 * reaches[1] / w1, way / lengths[i] * w1
-            middle, n = _bent(samples, n, nodes[i + 1], now, then, seconds, step, i + 1)
-            middles[i + 1] = middle
+        n = _straight(samples, n, pieces, speeds, i, step)
+        if speeds[i + 1] > 0.0 and _reach(pieces, speeds, i + 1) > TINY:
+            middles[i + 1], n = _bent(samples, n, pieces, speeds, i + 1, step)
     return times[: n + 1], poses[: n + 1], owners[: n + 1], middles
 
 
@@ -221,11 +210,10 @@ def _sampled(
 
 @dataclass(frozen=True)
 class Chain:
-    """Straight pieces: ``nodes`` (n, 3), lengths (m) and top speeds (m/s).
+    """Straight pieces (see :class:`BlendedPieces`).
 
     Lengths, speeds and accelerations are of what is ``reach`` m off the reference point, and as
-    large as they may be there: a turn by an angle adds that arc. ``bends`` (n,): |u2 - u1| of the
-    directions at a node, 0 at both ends.
+    large as they may be there: a turn by an angle adds that arc.
     ``pins``: poses that the motion passes exactly, by the number of the node that stands for them.
     """
 
@@ -240,14 +228,9 @@ class Chain:
     pins: Mapping[int, FloatArray] = field(default_factory=dict)
 
     @property
-    def told(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Its pieces, as kernels take them."""
-        return self.nodes, self.lengths, self.tops, self.bends
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """Of acceleration (m/s2), and of turns on the spot (rad/s)."""
-        return self.a, self.omega
+    def pieces(self) -> BlendedPieces:
+        """Them, as kernels take them."""
+        return BlendedPieces(self.nodes, self.lengths, self.tops, self.bends, self.a, self.omega)
 
     def turns_back(self, node: int) -> bool:
         """Return whether the pieces before and after a node are of opposite directions."""
@@ -277,16 +260,6 @@ def sizes_of(steps: FloatArray, reach: float) -> FloatArray:
     return np.asarray(np.hypot(steps[:, 0], steps[:, 1]) + reach * np.abs(steps[:, 2]))
 
 
-def first_speeds(chain: Chain) -> FloatArray:
-    """Return the largest speeds (m/s) at the nodes for which blends and trapezoids fit."""
-    return _first_speeds(chain.lengths, chain.tops, chain.bends, chain.a)
-
-
-def settled(chain: Chain, speeds: FloatArray) -> FloatArray:
-    """Return the speeds lowered until each piece can change from one to the other."""
-    return _settled(chain.lengths, chain.bends, speeds, chain.a)
-
-
 def through(
     chain: Chain, speeds: FloatArray, kinematics: Kinematics
 ) -> tuple[Chain, FloatArray] | None:
@@ -302,7 +275,7 @@ def through(
                 moved[i] = pin
         step = float(np.abs(moved - nodes).max())
         chain = Chain.of(moved, kinematics, chain.pins)
-        fitting = settled(chain, np.minimum(speeds, first_speeds(chain)))
+        fitting = settled_speeds(chain.pieces, np.minimum(speeds, fastest_speeds(chain.pieces)))
         if step < 1e-12 and np.allclose(fitting, speeds, rtol=1e-12, atol=0.0):
             return chain, speeds
         speeds = fitting
@@ -321,7 +294,7 @@ def _cut(chain: Chain, i: int, speed: float) -> FloatArray:
 
 def timed(chain: Chain, speeds: FloatArray) -> tuple[Trajectory, list[int]]:
     """Return the motion from time 0, and for each sample the node whose blend it is in or near."""
-    times, rows, owners, middles = _sampled(*chain.told, speeds, chain.limits, Trajectory.MAX_STEP)
+    times, rows, owners, middles = _sampled(chain.pieces, speeds, Trajectory.MAX_STEP)
     for i, pin in chain.pins.items():
         if middles[i] >= 0:
             rows[middles[i]] = pin
@@ -362,7 +335,7 @@ def moved_corner(nodes: FloatArray, i: int, shift: float, cut: float) -> FloatAr
 def chain_time(nodes: FloatArray, body: Body) -> float:
     """Return about how long (s) the blended motion along ``nodes`` takes where nothing is near."""
     chain = Chain.of(nodes, body.kinematics)
-    return _lasts(*chain.told, first_speeds(chain), chain.limits)
+    return _lasts(chain.pieces, fastest_speeds(chain.pieces))
 
 
 # ------------------ Among what must be kept clear of
@@ -382,7 +355,7 @@ def glide(
     if len(nodes) < 2:
         return at_rest(goal), True
     straight = Chain.of(nodes, kinematics, pins)
-    speeds = first_speeds(straight)
+    speeds = fastest_speeds(straight.pieces)
     for _ in range(40):  # each timing slower where the one before hit something
         chain = straight
         if pins:
@@ -391,7 +364,7 @@ def glide(
                 slower = _slowed(speeds, set(pins), straight.v)
                 if slower is None:
                     return None
-                speeds = settled(straight, slower)
+                speeds = settled_speeds(straight.pieces, slower)
                 continue
             chain, speeds = fitting
         motion, owners = timed(chain, speeds)
@@ -403,7 +376,7 @@ def glide(
         slowed = _slowed(speeds, {owners[hit], owners[min(hit + 1, len(owners) - 1)]}, chain.v)
         if slowed is None:
             return None
-        speeds = settled(chain, slowed)
+        speeds = settled_speeds(chain.pieces, slowed)
     return None
 
 

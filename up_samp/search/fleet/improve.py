@@ -51,6 +51,8 @@ _ORDERS = 12
 _WARMTHS = 1.0, 0.1, 0.01
 """Of the annealing of shares of the jobs, as a share of the usual warmth, of which the best one is
 tried: others than all before, and others near the best one."""
+_LOOKS = 3
+"""Times that such shares are looked for at once, as long as none is expected to be done as soon."""
 _STEEP = 60.0
 """Power of a tour's end that counts in those: hardly any but the last one does."""
 _LOOKING = 8
@@ -311,20 +313,36 @@ def _promising(
     search: FleetLNS, expected: AssignmentEvaluator, deadline: Deadline
 ) -> Assignment | None:
     """Return the best by what is ``expected`` of some shares of the jobs that were not tried yet,
-    if any.
+    if any; if that is more than the best tours take, they are looked for again from there.
     """
-    rng, known, found = search.rng, [*search.dealt.guess.handovers.values()], []
+    limit = search.makespan * search.dealt.guess.snapshot.seconds_per_unit
+    start = search.dealt
+    for _ in range(_LOOKS):
+        best = min(_others(search, start, expected, deadline), default=None, key=lambda two: two[0])
+        if best is None or best[0] <= limit:
+            break
+        start = best[1]
+    return None if best is None else best[1]
+
+
+def _others(
+    search: FleetLNS, start: Assignment, expected: AssignmentEvaluator, deadline: Deadline
+) -> list[tuple[float, Assignment]]:
+    """Return other shares of the jobs that were not tried yet, and how long (s) they are expected
+    to take.
+    """
+    rng, known, found = search.rng, [*start.guess.handovers.values()], []
     least, usual = min(known, default=0.0), statistics.fmean(known or [expected.rules.handover])
     for warmth in _WARMTHS:
         # those that are not known may be as short as any: so some of them are looked at
         rules = expected.rules._replace(handover=rng.uniform(least, 2 * usual - least))
-        start = replace(search.dealt, rehearsal=replace(expected, rules=rules))
-        other = exchanged(start, rng, deadline, warmth=warmth, another=True)
+        asked = replace(start, rehearsal=replace(expected, rules=rules))
+        other = exchanged(asked, rng, deadline, warmth=warmth, another=True)
         share = mended(other, rng, deadline)
         if share.tours not in search.tried:
             found.append(share)
     expected = replace(expected, rules=expected.rules._replace(handover=usual))
-    return min(found, key=lambda share: expected.length(share.tours), default=None)
+    return [(expected.length(share.tours), share) for share in found]
 
 
 MOVES: Moves = ((other_ways, 0.5), (deal_again, 0.5))
