@@ -7,7 +7,7 @@ from unified_planning.shortcuts import OneshotPlanner, get_environment
 from tests.soundness.gates import gates
 from tests.soundness.worlds import SECONDS
 from up_samp.model import Deadline, ScheduleStatus
-from up_samp.model.refinement import Strength
+from up_samp.model.refinement import Layer, Strength
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.upio import read_problem, relax, write_refinement
 
@@ -64,8 +64,11 @@ def wrong(seed, folder, timeout=15.0):
     told = solve(problem, timeout, optimal=True)
     blind = solve(problem, timeout, without=BLIND, optimal=seed % 2 == 0, seed=seed + 1)
     proven = [r for r in told.history.refinements if r.strength is Strength.PROVEN]
+    learned = (*told.history.refinements, *blind.history.refinements)
+    sure = [r for r in learned if r.layer is Layer.GROUP and r.strength is not Strength.HEURISTIC]
     plans = [result.plan for result in (told, blind) if result.plan is not None]
     found = [f"{r.log_messages}" for r in (told, blind) if r.status is Status.INTERNAL_ERROR]
+    found += [f"what is found of robots that meet is a guess: {r}" for r in sure]
     if plans and Status.UNSOLVABLE_PROVEN in (told.status, blind.status):
         found.append("unsolvable, and a plan")
     least = min((max((e for _, e in ends_of(p)[0].values()), default=0) for p in plans), default=0)
