@@ -113,7 +113,7 @@ def narrow(problem, plan, rng):
             points |= {(activity.name, 1): (activity.end, end, scope)}
             if rng.random() < 0.5:
                 problem.add_constraint(LE(activity.end, end + rng.choice([0, 1])), scope)
-    for _ in range(rng.choice([1, 3, 6])):
+    for _ in range(rng.choice([1, 3, 6]) if points else 0):
         few = rng.sample(sorted(points), 2)
         (x, at, some), (y, then, others) = sorted((points[k] for k in few), key=lambda p: p[1])
         problem.add_constraint((LT if at < then else LE)(x, y), [*dict.fromkeys([*some, *others])])
