@@ -132,7 +132,8 @@ def test_ends_that_make_no_sense_are_refused(wrong):
 def test_a_search_stops_as_it_was_told(tmp_path):
     problem = crossing(tmp_path)
     best = solve(problem, optimal=True)
-    assert best.status is Status.SOLVED_OPTIMALLY
+    assert best.status is Status.SOLVED_SATISFICING
+    assert "nothing was left to try" in best.log_messages[0].message
     result = solve(door_in_the_way(tmp_path), preset="paper", stop=lambda state: state.rounds >= 1)
     assert result.status is Status.TIMEOUT
     assert result.plan is None

@@ -58,6 +58,7 @@ def test_the_door_is_opened_in_time(tmp_path):
     opening.add_release_date(12)
     result = solve(hall.problem)
     assert result.status is Status.SOLVED_OPTIMALLY
+    assert result.metrics["bound_kind"] == "absolute"
     names = {a.name for a in result.plan.activities}
     assert names == {"go", "open"}
     end = result.plan.get(opening.end).constant_value()

@@ -12,12 +12,12 @@ from up_samp.validation import validate_plan
 SOLVED = (Status.SOLVED_SATISFICING, Status.SOLVED_OPTIMALLY)
 
 
-def crossing(folder, *, door=True):
-    """Two robots cross a hall through the one gap, whose door is open from 3 on."""
-    hall = Hall(folder, robots=2, door=door)
+def crossing(folder, *, door=True, robots=2):
+    """Robots cross a hall through the one gap, whose door is open from 3 on."""
+    hall = Hall(folder, robots=robots, door=door)
     if door:
         hall.open_door().add_release_date(2)
-    for k in range(2):
+    for k in range(robots):
         hall.move(f"go{k}", k, f"left{k}", f"right{k}", optional=True)
         hall.move(f"back{k}", k, f"right{k}", f"left{k}", optional=True)
         hall.problem.add_constraint(hall.problem.get_activity(f"go{k}").present)
@@ -46,7 +46,7 @@ def test_a_plan_that_still_fits_is_kept(tmp_path):
 
 
 def test_the_proof_goes_on_from_the_plan(tmp_path):
-    hall = crossing(tmp_path)
+    hall = crossing(tmp_path, robots=1)
     best, _ = solve(hall.problem, optimal=True)
     assert best.status is Status.SOLVED_OPTIMALLY
     times = {}

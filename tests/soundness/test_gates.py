@@ -1,15 +1,19 @@
 """Plans that are found with nothing stated keep all that is proven where everything is."""
 
+import random
+
 import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
-from unified_planning.shortcuts import OneshotPlanner, get_environment
+from unified_planning.shortcuts import LE, LT, Not, OneshotPlanner, get_environment
 
+from tests.shuffled import shuffled
 from tests.soundness.gates import gates
 from tests.soundness.worlds import SECONDS
 from up_samp.model import Deadline, ScheduleStatus
-from up_samp.model.refinement import Strength
+from up_samp.model.refinement import ABSOLUTE, Layer, Strength
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.upio import read_problem, relax, write_refinement
+from up_samp.validation import validate_plan
 
 BLIND = ("bounds_first", "certificates", "profiles", "small_cuts")
 SEEDS = (8, 13, 16)
@@ -31,6 +35,13 @@ def ends_of(plan):
     }
     chosen = [(p.name, v.object().name) for p, v in plan.assignment.items() if v.is_object_exp()]
     return times, dict(chosen)
+
+
+def proven_bound(result):
+    """Return the lower bound that does not rest on the planner's motions."""
+    told = result.metrics or {}
+    absolute = told.get("lower_bound", 0) if told.get("bound_kind") == ABSOLUTE else 0
+    return float(told.get("absolute_bound", absolute))
 
 
 def admits(problem, plan, refinements):
@@ -64,15 +75,17 @@ def wrong(seed, folder, timeout=15.0):
     told = solve(problem, timeout, optimal=True)
     blind = solve(problem, timeout, without=BLIND, optimal=seed % 2 == 0, seed=seed + 1)
     proven = [r for r in told.history.refinements if r.strength is Strength.PROVEN]
+    learned = (*told.history.refinements, *blind.history.refinements)
+    sure = [r for r in learned if r.layer is Layer.GROUP and r.strength is not Strength.HEURISTIC]
     plans = [result.plan for result in (told, blind) if result.plan is not None]
     found = [f"{r.log_messages}" for r in (told, blind) if r.status is Status.INTERNAL_ERROR]
+    found += [f"what is found of robots that meet is a guess: {r}" for r in sure]
     if plans and Status.UNSOLVABLE_PROVEN in (told.status, blind.status):
         found.append("unsolvable, and a plan")
     least = min((max((e for _, e in ends_of(p)[0].values()), default=0) for p in plans), default=0)
     for result in (told, blind):
-        bound = (result.metrics or {}).get("absolute_bound", 0)
-        if plans and float(bound) > least:
-            found.append(f"at least {bound}, and {least}")
+        if plans and proven_bound(result) > least:
+            found.append(f"at least {proven_bound(result)}, and {least}")
     for plan in plans:
         if not admits(problem, plan, proven):
             broken = [str(r) for r in proven if not admits(problem, plan, [r])]
@@ -83,6 +96,62 @@ def wrong(seed, folder, timeout=15.0):
 @pytest.mark.parametrize("seed", SEEDS)
 def test_what_is_proven_of_gates_holds_for_all_plans(seed, tmp_path):
     assert wrong(seed, tmp_path) == ([], 2)
+
+
+def narrow(problem, plan, rng):
+    """Ask for some of what is so in a plan: who is there, when it ends, what comes before what."""
+    times, _ = ends_of(plan)
+    points = {}
+    for activity in sorted(problem.activities, key=lambda a: a.name):
+        there = activity.name in times
+        if activity.optional and rng.random() < 0.6:
+            problem.add_constraint(activity.present if there else Not(activity.present))
+        if there:
+            scope = [activity.present] if activity.optional else []
+            start, end = times[activity.name]
+            points |= {(activity.name, 0): (activity.start, start, scope)}
+            points |= {(activity.name, 1): (activity.end, end, scope)}
+            if rng.random() < 0.5:
+                problem.add_constraint(LE(activity.end, end + rng.choice([0, 1])), scope)
+    for _ in range(rng.choice([1, 3, 6]) if points else 0):
+        few = rng.sample(sorted(points), 2)
+        (x, at, some), (y, then, others) = sorted((points[k] for k in few), key=lambda p: p[1])
+        problem.add_constraint((LT if at < then else LE)(x, y), [*dict.fromkeys([*some, *others])])
+
+
+def lost(seed, folder, timeout=5.0):
+    """Return what is claimed of a world, and of narrower ones, that a plan of theirs refutes."""
+    rng, problem = random.Random(seed), gates(seed, folder)
+    plan = solve(problem, timeout, without=BLIND[:3], first_plan=True).plan
+    found = []
+    for number in range(3 if plan is not None else 0):
+        narrow(problem, plan, rng)
+        assert validate_plan(problem, plan, seconds_per_unit=SECONDS).valid
+        other = shuffled(problem, (seed, number), rename=False).problem
+        told = solve(other, timeout, optimal=True, seed=number)
+        makespan = max(end for _, end in ends_of(plan)[0].values())
+        if told.status is Status.UNSOLVABLE_PROVEN:
+            found.append("unsolvable")
+        if proven_bound(told) > makespan:
+            found.append(f"at least {proven_bound(told)}, and {makespan}")
+        proven = [r for r in told.history.refinements if r.strength is Strength.PROVEN]
+        if not admits(problem, plan, proven):
+            broken = [str(r) for r in proven if not admits(problem, plan, [r])]
+            found.append(f"{ends_of(plan)[0]} breaks {broken}")
+    return found, plan is not None
+
+
+@pytest.mark.parametrize("seed", [7, 8, 11, 13])
+def test_a_plan_refutes_nothing_of_narrower_worlds(seed, tmp_path):
+    assert lost(seed, tmp_path) == ([], True)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("first", range(2000, 2200, 20))
+def test_plans_refute_nothing_of_many_narrower_worlds(first, tmp_path):
+    found = {seed: lost(seed, tmp_path) for seed in range(first, first + 20)}
+    assert {seed: row for seed, (row, _) in found.items() if row} == {}
+    assert sum(known for _, known in found.values()) > 10
 
 
 @pytest.mark.long

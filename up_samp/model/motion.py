@@ -204,9 +204,7 @@ class GroupReport:
     ``late`` end after their due (``late[name]`` is the arrival, s): the group fits its windows iff
     ``late`` is empty. ``conflict`` is a small set of motion names that really conflict (for late
     or failed groups). ``blockers`` are objects that rest in the way.
-    ``complete``: no search for it was cut short by a deadline. ``exhaustive``: on their fastest
-    ways the motions cannot be coordinated in other manners than were tried (two robots, of whom it
-    decides everything who goes first, and nothing else comes or goes on their ways).
+    ``complete``: no search for it was cut short by a deadline.
     """
 
     outcome: Outcome
@@ -216,4 +214,3 @@ class GroupReport:
     blockers: frozenset[str] = frozenset()
     reason: str = ""
     complete: bool = False
-    exhaustive: bool = False

@@ -21,9 +21,9 @@ it is set at the end of what moves it."""
 class Strength(enum.Enum):
     """What a refinement is worth.
 
-    ``PROVEN``: no valid plan breaks it. ``RELATIVE``: no plan breaks it whose motions are those
-    that the motion planner takes for the fastest (the paper's relative optimality).
-    ``HEURISTIC``: a search ran out of time; it may remove valid plans.
+    ``PROVEN``: no valid plan breaks it. ``RELATIVE``: no plan breaks it whose motions are no faster
+    than those that the motion planner takes for the fastest (the paper's relative optimality).
+    ``HEURISTIC``: a search ran out of time, or robots meet; it may remove valid plans.
     """
 
     PROVEN = "proven"

@@ -204,6 +204,16 @@ class MotionService:
         """Return seconds that no motion through ``poses`` can beat, stopping there or not."""
         return self.bounds.through(body, poses, met_by(body, obstacles))
 
+    def least_after(
+        self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
+    ) -> float:
+        """Return seconds that no motion through ``poses`` beats from when the obstacles, which it
+        cannot pass, go away.
+        """
+        if body.flies or not self.proofs:
+            return 0.0
+        return self.bounds.after(body, poses, met_by(body, obstacles))
+
     def certificate(
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
     ) -> PathReport | None:

@@ -209,7 +209,7 @@ def pair_meets(
     way and ends no earlier than ``second_ends`` after the first's start, or the first does and
     ends no earlier than ``first_ends`` after the second's start (collision intervals of
     continuous-time conflict-based search, Andreychuk et al. 2019, as scheduling disjunctions).
-    A guess, unless it decides everything who goes first.
+    Heuristic: on other ways both may be in time.
     """
     low, high = offsets
     literals = (
@@ -231,9 +231,8 @@ def group_timing(
     why: str,
     *,
     rivals: Iterable[str] = (),
-    strength: Strength = Strength.RELATIVE,
 ) -> Refinement:
-    """Return CHTIME for a small group: as timed, some late motion must end later.
+    """Return CHTIME for a small group: as timed, some late motion must end later. Heuristic.
 
     ``arrivals`` are the late motions' needed ends in units after the first start. The cut gives
     way when an offset changes, except that a single late motion does not arrive earlier by
@@ -262,7 +261,7 @@ def group_timing(
     names = tuple(m.activity for m in motions)
     literals += _in_between(names, rivals)
     literals += _moved_away(names, blockers, movers)
-    return Refinement(Clause(tuple(literals)), Layer.GROUP, strength, why)
+    return Refinement(Clause(tuple(literals)), Layer.GROUP, Strength.HEURISTIC, why)
 
 
 def group_fails(
@@ -422,8 +421,6 @@ def as_timed(
     drives: Mapping[str, tuple[int, int] | None],
     changes: Mapping[str, tuple[str, int | None]],
     why: str,
-    *,
-    strength: Strength,
 ) -> Refinement:
     """State that a group does not work just as it is timed: the last resort, it always rejects
     (under the decisions that the configurations hang on, see ``only_given``).
@@ -465,7 +462,7 @@ def as_timed(
             literals.append(Apart(end_of(name), last, 1))
         else:
             literals += elsewhen(begin, end_of(name), time - reference.start)
-    return Refinement(Clause(tuple(literals)), Layer.GROUP, strength, why)
+    return Refinement(Clause(tuple(literals)), Layer.GROUP, Strength.HEURISTIC, why)
 
 
 def set_onto(

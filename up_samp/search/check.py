@@ -109,7 +109,7 @@ class Checker:
         if (found and not self.thorough) or names & check.failed:
             return
         query = group_query(self.motions.facts, itinerary, group)
-        report, cut_short = self._coordinate(query)
+        report = self._coordinate(query)
         check.trajectories.update(report.trajectories)
         if report.outcome is not Outcome.FOUND:
             check.failed |= report.conflict or names
@@ -121,7 +121,7 @@ class Checker:
         missed = [m for m in group if motion_key(m) in wrong]
         self.note(missed, report.blockers, itinerary, report.reason)
         if learn and not found:
-            asked = itinerary, group, query, report, cut_short
+            asked = itinerary, group, query, report
             failure = Failure(self.motions, self.knowledge, self.cuts.alike, *asked)
             check.refinements += self.cuts.group(failure)
 
@@ -157,14 +157,13 @@ class Checker:
                 return found
         return []
 
-    def _coordinate(self, query: GroupQuery) -> tuple[GroupReport, bool]:
-        """Ask the motion service for a group; return also whether its time was up."""
+    def _coordinate(self, query: GroupQuery) -> GroupReport:
+        """Ask the motion service for a group."""
         if len(query.motions) > 1:
             self.tell.stage(Phase.GROUP, count=len(query.motions))
         deadline = self.motions.budget.group(len(query.motions))
         seed = self.seed + self.knowledge.history.restarts
-        report = self.motions.service.coordinate(query, deadline, seed=seed)
-        return report, deadline.expired()
+        return self.motions.service.coordinate(query, deadline, seed=seed)
 
 
 def check_path(

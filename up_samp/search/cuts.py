@@ -25,7 +25,6 @@ from up_samp.model import (
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.model.snapshot import Snapshot
 from up_samp.motion.fleet import earliest_arrival
-from up_samp.motion.fleet.coordination import order_decides
 from up_samp.refinement import rules
 from up_samp.search.facts import Facts, MotionCase, are_apart
 from up_samp.search.knowledge import Knowledge
@@ -54,7 +53,8 @@ class Alone:
 
 @dataclass(frozen=True)
 class Failure:
-    """One group of a candidate, what was asked and answered. ``cut_short``: time was up.
+    """One group of a candidate, what was asked and answered. What it tells is a guess: other ways,
+    or other places to wait at, than those that were tried may do.
 
     ``alike`` tells for which motions a cut is to be stated.
     """
@@ -66,7 +66,6 @@ class Failure:
     group: Sequence[ScheduledMotion]
     query: GroupQuery
     report: GroupReport
-    cut_short: bool
 
     @property
     def facts(self) -> Facts:
@@ -77,16 +76,6 @@ class Failure:
     def found(self) -> bool:
         """Whether there are trajectories at all (then some are late)."""
         return self.report.outcome is Outcome.FOUND
-
-    @property
-    def strength(self) -> Strength:
-        """What the lateness is worth. A search that was cut short proves nothing; nor does one for
-        several robots unless all ways to coordinate them were tried.
-        """
-        alone = len({m.object for m in self.group}) == 1
-        searched = self.report.complete and not self.cut_short
-        proves = self.found and searched and (alone or self.report.exhaustive)
-        return Strength.RELATIVE if proves else Strength.HEURISTIC
 
     @cached_property
     def scheduled(self) -> dict[str, ScheduledMotion]:
@@ -176,7 +165,6 @@ def or_exact(failure: Failure, found: list[Refinement]) -> list[Refinement]:
             if c.activity not in mine
         },
         failure.report.reason or "the group does not work as it is timed",
-        strength=failure.strength,
     )
     # where others rest hangs on their decisions, too
     return [*found, rules.only_given(exact, failure.itinerary.given)]
@@ -307,7 +295,6 @@ def _timing_cut(failure: Failure) -> Refinement:
         failure.facts.snapshot.movers,
         why,
         rivals=failure.rivals(motions),
-        strength=failure.strength,
     )
 
 
@@ -398,14 +385,9 @@ def _pair_cut(
     if low > high or not needed_b or not needed_a:
         return None
     why = f"{a.activity} and {b.activity} meet when started {low} to {high} units apart"
-    exhaustive = order_decides(motions.service, timed_a, timed_b, motions.budget.query())
-    strength = Strength.RELATIVE if exhaustive else Strength.HEURISTIC
     return [
         rules.only_given(
-            replace(
-                rules.pair_meets(x.activity, y.activity, (low, high), needed_b, needed_a, why),
-                strength=strength,
-            ),
+            rules.pair_meets(x.activity, y.activity, (low, high), needed_b, needed_a, why),
             tuple(sorted({*x.given, *y.given})),
         )
         for x, y in failure.pairs_like(a, b)
@@ -596,11 +578,9 @@ class PaperCuts(SmallCuts):
             return [Refinement(cut, Layer.GROUP, Strength.HEURISTIC, why)]
         changers = {c.activity for c in facts.snapshot.changes if c.object in places}
         meanwhile = {c for c in changers if _overlaps(failure, c)}
-        # what changes in the midst of the group might as well change earlier
-        strength = Strength.HEURISTIC if meanwhile else failure.strength
         rivals = sorted({*facts.snapshot.by_activity, *changers - meanwhile})
         cut = rules.paper_temporal(group, rivals, failure.arrivals(group), places)
-        return [Refinement(cut, Layer.GROUP, strength, "the group needs more time")]
+        return [Refinement(cut, Layer.GROUP, Strength.HEURISTIC, "the group needs more time")]
 
 
 def _under(motion: ScheduledMotion, case: MotionCase) -> ScheduledMotion:

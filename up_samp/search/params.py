@@ -150,7 +150,7 @@ _KINDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
 _OURS = ("bounds_first", "certificates", "small_cuts", "profiles", "incumbents", "slack", "tidy")
 PRESETS: Mapping[str, Mapping[str, Any]] = {
     "default": {},
-    "paper": {"without": _OURS, "path_planner": "RRT", "relative": True},
+    "paper": {"without": _OURS, "path_planner": "RRT"},
     "sequential": {"without": ("refine", *_OURS)},
 }
 ABLATIONS: Mapping[str, Mapping[str, Any]] = {

@@ -196,7 +196,7 @@ def _certify(
         elif static:
             found.append(_gone_from_the_start(case, movers, why))
         else:
-            found.append(_opened(facts, case, obstacle, configuration, why))
+            found += _opened(motions, case, obstacle, configuration, (body, poses, placed), why)
     return found
 
 
@@ -229,15 +229,27 @@ def blocked_while(
 
 
 def _opened(
-    facts: Facts, case: MotionCase, obstacle: str, configuration: str, why: str
-) -> Refinement:
-    """State that an obstacle which does not come back has left before the end."""
+    motions: Motions,
+    case: MotionCase,
+    obstacle: str,
+    configuration: str,
+    past: tuple[Body, Sequence[Configuration], Sequence[Placed]],
+    why: str,
+) -> list[Refinement]:
+    """State that an obstacle which does not come back has left before the end, by as much as the
+    rest of the motion takes (``past`` it) at least.
+    """
+    facts = motions.facts
     changes = facts.snapshot.movers[obstacle]
+    units = max(1, facts.units(motions.service.least_after(*past)))
+    found = []
     if len(changes) <= 1 and not case.given:
-        return rules.needs_away(case.activity, obstacle, configuration, why, at_end=True)
+        found.append(rules.needs_away(case.activity, obstacle, configuration, why, at_end=True))
     # a condition would forbid further changes in its interval, although the obstacle has gone
-    cut = rules.gone_before(end_of(case.activity), changes, 1, why)
-    return rules.only_given(cut, case.given)
+    if units > 1 or not found:
+        cut = rules.gone_before(end_of(case.activity), changes, units, why)
+        found.append(rules.only_given(cut, case.given))
+    return found
 
 
 def _instant_states(facts: Facts) -> list[Standing]:

@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 from scipy import ndimage
 
 from tests.motion.oracle import CAR, DOOR, RECTANGLE, ROBOT, box_map, logistics_map
@@ -234,3 +235,54 @@ def test_a_robot_that_touches_a_wall_is_not_in_it():
     for gap, inside in ((0.0, False), (-1e-6, False), (-1e-3, True)):
         blocked, _ = service.pose_blockers(ROBOT, (1.2 + gap, 4.0, 0.0), ())
         assert blocked is inside
+
+
+def placed_at(footprint, poses):
+    """Return a footprint at poses (n, 3), as polygons."""
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    turned = np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], -2)
+    corners = np.einsum("nij,kj->nki", turned, np.array(footprint)) + poses[:, None, :2]
+    return shapely.polygons(corners)
+
+
+def where_it_gets(footprint, start, walls):
+    """Return the places (n, 2) that a body comes to past ``walls``, by small steps and turns."""
+    xs, ys, turns = np.arange(0, 8, 0.25), np.arange(0, 4, 0.25), np.arange(8) * math.pi / 4
+    grid = np.stack(np.meshgrid(xs, ys, turns, indexing="ij"), -1)
+    grid[..., :2] += np.mod(start[:2], 0.25)
+    free = ~shapely.intersects(placed_at(footprint, grid.reshape(-1, 3)), walls)
+    free = free.reshape(grid.shape[:3])
+    parts, _ = ndimage.label(np.concatenate([free, free], axis=2), np.ones((3, 3, 3)))
+    mine = parts[int(start[0] / 0.25), int(start[1] / 0.25)]
+    here = np.isin(parts, mine[mine > 0]).any(axis=2)
+    return grid[:, :, 0, :2][here]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_how_far_it_is_from_behind_a_door(seed):
+    """Wherever a body waits, so much of its way is left, whatever its reference point is."""
+    rng = np.random.default_rng(seed)
+    at, low, wide = 3 + 2 * rng.random(), 0.6 + rng.random(), 0.9 + rng.random()
+    gap = [(at, 0, at + 0.2, low), (at, low + wide, at + 0.2, 4)]
+    walls = shapely.union_all([shapely.box(*box) for box in gap])
+    floor = shapely.box(0, 0, 8, 4)
+    length, breadth, ahead = 0.5 + rng.random(), 0.4, rng.uniform(-0.6, 0.6)
+    shape = np.array(
+        [(-length, -breadth), (length, -breadth), (length, breadth), (-length, breadth)]
+    )
+    footprint = shape / 2 + (ahead, 0)
+    leaf = np.array([(-0.1, -wide / 2), (0.1, -wide / 2), (0.1, wide / 2), (-0.1, wide / 2)])
+    body = Body(tuple(map(tuple, footprint)), Kinematics(MotionModel.SE2, 1.0, 1.0, 1.0))
+    door = Placed("door", Body(tuple(map(tuple, leaf)), CAR), (at + 0.1, low + wide / 2, 0.0))
+    start, goal = (1.5, 1.0 + 2 * rng.random(), 0.0), (6.7, 1.0 + 2 * rng.random(), math.pi)
+    certifier = Certifier(Scene(box_map(8, 4, gap)))
+    shut = shapely.union_all(
+        [walls, shapely.box(*placed_at(leaf, np.array([door.pose]))[0].bounds)]
+    )
+    places = where_it_gets(footprint, start, shut | floor.exterior)
+    least = float(np.hypot(*(places - goal[:2]).T).min())
+    left = certifier.left(body, (start, goal), (door,))
+    assert least - 1.0 < left <= least
+    assert certifier.left(body, (start, goal), ()) == 0.0
+    beyond = certifier.left(body, (start, goal, start, goal), (door,))
+    assert beyond == pytest.approx(left + 2 * math.dist(start[:2], goal[:2]))

@@ -11,8 +11,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
 from up_samp.model import (
     Deadline,
     GroupQuery,
@@ -20,9 +18,7 @@ from up_samp.model import (
     Outcome,
     Placed,
     TimedMotion,
-    avoids,
 )
-from up_samp.model.arrays import IntArray
 from up_samp.motion.fleet.neighbourhoods import MovingGroup, Runs, first_runs, improve
 from up_samp.motion.fleet.one_robot import Attempt, nothing, plan_one, virtual_obstacles
 from up_samp.motion.fleet.paths import SAME_TIME, Path
@@ -31,55 +27,6 @@ from up_samp.motion.fleet.timed_path import ON_TIME, TimedPath
 from up_samp.motion.fleet.together import couple
 from up_samp.motion.fleet.workspace import PathPlanner, Workspace, rest_run, workspace_of
 from up_samp.motion.protocol import WorkBudget
-
-
-def one_decides(runs: IntArray) -> bool:
-    """Return whether conflicting cells, as rows (i, j first, j last) by rising i, are one piece in
-    which each row and each column is without a gap.
-    """
-    if len(runs) == 0:
-        return True
-    i, low, high = runs.T
-    if np.any(np.diff(i) != 1):
-        return False  # a row is missing, or has a gap
-    if np.any(np.maximum(low[1:], low[:-1]) > np.minimum(high[1:], high[:-1]) + 1):
-        return False  # neighbouring rows do not touch
-    for j in range(int(low.min()), int(high.max()) + 1):
-        rows = np.flatnonzero((low <= j) & (j <= high))
-        if len(rows) and rows[-1] - rows[0] + 1 != len(rows):
-            return False
-    return True
-
-
-def _one_can_go_first(runs: IntArray, end: int, other_end: int) -> bool:
-    """Return whether one of two can come to its end (cell) while the other one is still at its
-    beginning: where they swap places neither can.
-    """
-    i, low, high = runs.T
-    neither = np.any((low == 0) | (i == end)) & np.any((i == 0) | (high == other_end))
-    return not neither
-
-
-def _avoid_each_other(one: TimedMotion, other: TimedMotion) -> bool:
-    return avoids(one.avoid, other.object) and avoids(other.avoid, one.object)
-
-
-def order_decides(
-    service: PathPlanner, first: TimedMotion, second: TimedMotion, deadline: Deadline
-) -> bool:
-    """Return whether it decides everything who goes first, on the fastest ways of two motions when
-    nobody else is there.
-    """
-    if first.body.flies or second.body.flies or not _avoid_each_other(first, second):
-        return False
-    workspace = workspace_of(service)
-    ways = [workspace.path(m.body, m.poses, (), deadline) for m in (first, second)]
-    one, other = ways
-    if not isinstance(one, Path) or not isinstance(other, Path):
-        return False
-    runs = workspace.conflicts(one, other)
-    return one_decides(runs) and _one_can_go_first(runs, one.cells + 1, other.cells + 1)
-
 
 # ------------------ A ladder of efforts, and a report of what really conflicts
 # Everybody is first planned alone; then one after the other, with ejection
@@ -142,8 +89,7 @@ def _coordinated(
     else:
         group.best = alone
     conflict = _shrunk(group, alone, conflicts) if _is_bad(group) else frozenset()
-    report = _report(group, conflict)
-    return replace(report, exhaustive=_is_tried_out(group, alone))
+    return _report(group, conflict)
 
 
 def _alone(group: MovingGroup) -> tuple[dict[str, TimedPath], Attempt, str]:
@@ -328,38 +274,6 @@ def _polished(group: MovingGroup, runs: Runs) -> Runs:
         if gained < POLISH_WORTH:
             break
     return found
-
-
-def _is_tried_out(group: MovingGroup, alone: Runs) -> bool:
-    """Return whether there are no other ways to coordinate the group than were tried: two robots,
-    each in time alone, of which the one goes first or the other, and nothing else that comes or
-    goes on their ways.
-
-    Who is late off its way may be sooner on another one than on that which was found: two of which
-    neither can go first (they swap places) have to leave theirs.
-    """
-    if len(alone) != 2 or group.least > 0.0 or _is_late_elsewhere(group, alone):
-        return False
-    one, other = group.motions.values()
-    apart = one.object != other.object and _avoid_each_other(one, other)
-    if one.body.flies or other.body.flies or not apart:
-        return False
-    paths = [alone[m.name].path for m in (one, other)]
-    if not one_decides(group.workspace.conflicts(*paths)):
-        return False
-    # who waits for a door may wait ahead of the other one or behind it: that was not tried
-    return not any(
-        len(group.workspace.forbidden(path, m.object, m.avoid, group.world))
-        for m, path in zip((one, other), paths, strict=True)
-    )
-
-
-def _is_late_elsewhere(group: MovingGroup, alone: Runs) -> bool:
-    """Return whether somebody is late, or has no way, and not all drive where they do alone."""
-    best = group.best or {}
-    return _is_bad(group) and any(
-        best[name].path is not run.path for name, run in alone.items() if name in best
-    )
 
 
 def _is_bad(group: MovingGroup) -> bool:

@@ -59,6 +59,19 @@ class DurationBounds:
             least = max(least, fastest_with_slow(length, slow, kin.v_max, kin.a_max))
         return least * (1 - 1e-9)
 
+    def after(
+        self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
+    ) -> float:
+        """Return seconds that no motion through ``poses`` beats, to rest at the last one, from when
+        the last of the obstacles goes away that it cannot pass (0: nothing is proven).
+        """
+        kin = body.kinematics
+        if kin.mobility.own_law:
+            return 0.0
+        left = self.certifier.left(body, poses, obstacles)
+        # as long as the second half of a motion from rest to rest
+        return 0.5 * run_time(2 * left, kin.v_max, kin.a_max) * (1 - 1e-9)
+
     @staticmethod
     def _least(
         body: Body, legs: Sequence[tuple[Configuration, Configuration]], length: float

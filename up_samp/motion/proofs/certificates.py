@@ -24,7 +24,7 @@ import numpy.typing as npt
 from up_samp.geometry import Scene
 from up_samp.geometry.cells import distances_to, label_regions, nearest_to
 from up_samp.geometry.memory import Memory
-from up_samp.geometry.records import GridFrame, PolyData, grid_along, grid_point, kernel
+from up_samp.geometry.records import GridFrame, PolyData, along, grid_along, grid_point, kernel
 from up_samp.geometry.shapes import core_of, shape_of
 from up_samp.model import Body, Configuration, Deadline, Outcome, PathReport, Placed, check_time
 from up_samp.model.arrays import BoolArray, Int32Array, IntArray
@@ -128,6 +128,31 @@ class Certifier:
                     removed |= 1 << i
             found.append(frozenset(name for i, name in enumerate(names) if not removed >> i & 1))
         return found
+
+    def left(
+        self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
+    ) -> float:
+        """Return metres of any way through ``poses`` that its reference point surely has before it
+        when the obstacles go away, since it gets no further while they rest (0: none are proven).
+        """
+        if self.scene.grid is None:
+            return 0.0
+        body, frame = core_of(body), self.scene.data.frame
+        regions, _ = self._at(body, obstacles)
+        cells = [self._cell(regions.labels, body, pose, 0) for pose in poses]
+        # the disc's centre is so far (cells) from the middle of its cell and the reference point
+        off = math.sqrt(0.5) + math.hypot(*shape_of(body).inner[:2]) / frame.size
+        most = beyond = 0.0
+        for (a, b), (start, goal) in zip(
+            reversed(list(pairwise(cells))), reversed(list(pairwise(poses))), strict=True
+        ):
+            if a and b not in (0, a) and not regions.owners.get(a, 0):
+                gx, gy = along(frame, goal[0], goal[1])
+                rows, cols = np.nonzero(regions.labels == a)
+                far = np.hypot(cols + 0.5 - gx / frame.size, rows + 0.5 - gy / frame.size)
+                most = max(most, (float(far.min()) - off) * frame.size + beyond)
+            beyond += math.dist(start[:2], goal[:2])
+        return most
 
     def prove_slowly(
         self,
