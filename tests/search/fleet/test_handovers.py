@@ -92,7 +92,9 @@ def ends_by_hand(rehearsal, tours):
         place = left[robot][0][0]
         free = last[place][1] if wanted[place] > 1 and place in last else -INF
         waiting = [r for r in rehearsal.robots if left.get(r) and left[r][0][0] == place]
-        if free > comes(robot):  # of those who wait the one that has most left to do
+        if rehearsal.rules.at_once and free > comes(
+            robot
+        ):  # of those who wait the one that has most left to do
             robot = max((r for r in waiting if r == robot or comes(r) <= free), key=is_left)
         came, (place, stays) = comes(robot), left[robot].pop(0)
         if wanted[place] > 1 and place in last and last[place][0] != robot:
@@ -110,10 +112,12 @@ def ends_by_hand(rehearsal, tours):
     return ends
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_shares_take_what_is_known_of_their_handovers(toured, seed):
+@pytest.mark.parametrize("at_once", [False, True])
+@pytest.mark.parametrize("seed", range(3))
+def test_shares_take_what_is_known_of_their_handovers(toured, seed, at_once):
     _, dealt = toured
-    rng, usual = random.Random(seed), dealt.rehearsal
+    rules = dealt.rehearsal.rules._replace(at_once=at_once)
+    rng, usual = random.Random(seed), replace(dealt.rehearsal, rules=rules)
     exact = AssignmentEvaluator(usual.guess, usual.jobs, usual.rules, exact=True)
     usual.guess.handovers.clear()
     usual.guess.rounds += 1

@@ -83,13 +83,15 @@ class CostWeights(NamedTuple):
     """What counts how much when it is decided who does what: ``handover`` s from who leaves a
     shared place to who comes next, as far as one can guess; ``traffic``: the factor by which tours
     are expected to take longer than alone, if one is due; ``late``: by which a second too late
-    counts more; ``steep``: the power of a tour's end that counts (the last one most).
+    counts more; ``steep``: the power of a tour's end that counts (the last one most);
+    ``at_once``: whether it is decided for all tours at once who goes first, else in order of time.
     """
 
     handover: float = 5.0
     traffic: float = 1.3
     late: float = 10.0
     steep: float = 6.0
+    at_once: bool = False
 
 
 class TourArrays(NamedTuple):
@@ -103,8 +105,9 @@ class TourArrays(NamedTuple):
 def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: int) -> FloatArray:
     """Return when each robot has done its jobs, and by how much it is late in all (robots, 2).
 
-    Of those who wait for one of ``places`` the one that has most left to do is next (Schrage's
-    schedule of one machine; Carlier, EJOR 1982). Who ends where another one comes later goes home.
+    Whoever comes first to one of ``places`` works there first, or (``at_once``) of those who wait
+    the one that has most left to do (Schrage's schedule of one machine; Carlier, EJOR 1982). Who
+    ends where another one comes later goes home.
     """
     # to take an array out of a record costs, and in the loop it would be done again and again
     tours, counts = shares.tours, shares.counts
@@ -130,7 +133,8 @@ def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: in
         if coming[first] == np.inf:
             break
         r, place = first, place_of[at[first, 1]]
-        for q in range(robots if place >= 0 and free[place] > coming[first] else 0):
+        waits = rules.at_once and place >= 0 and free[place] > coming[first]
+        for q in range(robots if waits else 0):
             if coming[q] <= free[place] and left[q] > left[r] and place_of[at[q, 1]] == place:
                 r = q
         option, stop, came = tours[r, at[r, 0]], at[r, 1], coming[r]

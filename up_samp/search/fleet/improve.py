@@ -291,7 +291,8 @@ def deal_again(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
     usual, guess = search.dealt.rehearsal, search.dealt.guess
     gaps = search.tours.handovers(search.best) or [usual.rules.handover]
     guess.ask_handovers(search.dealt.handovers(), deadline)
-    known = replace(usual, rules=usual.rules._replace(steep=_STEEP), exact=True)
+    rules = usual.rules._replace(steep=_STEEP, at_once=True)
+    known = replace(usual, rules=rules, exact=True)
     found = _promising(search, known, deadline)
     if found is None:
         return None
