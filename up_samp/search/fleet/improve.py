@@ -35,8 +35,8 @@ MANY, _SHARE = 14, 0.6
 """Motions that may meet, from which on a candidate's motions are not first tried as scheduled; and
 the share of the remaining time that they get."""
 # first tours
-_ROUNDS = 6
-"""In which all tours are decided."""
+_ROUNDS, _FEW_ROUNDS = 16, 6
+"""In which all tours are decided: those of a large problem's first plan, and a candidate's."""
 _NOISE = 3.0
 """s at most, by which turns are changed at random."""
 _HEARD = 0.3
@@ -118,7 +118,7 @@ def _in_few_rounds(search: Search, itinerary: Itinerary, deadline: Deadline) -> 
     with search.budget.motion_time():
         tours = undecided_tours(search, itinerary, frozenset())
         rng = random.Random(search.seed)
-        found = None if tours is None else squeaky_wheel(tours, rng, deadline)
+        found = None if tours is None else squeaky_wheel(tours, rng, deadline, _FEW_ROUNDS)
     if found is None:
         return None
     return search.plan_of(found.schedule, found.trajectories())
@@ -137,7 +137,7 @@ def undecided_tours(
 
 
 def squeaky_wheel(
-    tours: TourPlanner, rng: random.Random, deadline: Deadline
+    tours: TourPlanner, rng: random.Random, deadline: Deadline, rounds: int = _ROUNDS
 ) -> FleetSolution | None:
     """Return the tours of the best of some rounds, if any brings some. In each all are decided in
     the order of time; who is stuck, or ends late, has its turns sooner in the next one.
@@ -149,7 +149,7 @@ def squeaky_wheel(
     """The same, in the best round so far."""
     first: list[str] = []  # whose whole tours go before all others
     late = set[str]()  # who was stuck before there was any good round
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         if deadline.expired():
             break
         noise = _NOISE * bool(ahead)
