@@ -157,6 +157,14 @@ def growth(rows: Rows) -> str:
     return markdown(["what grows with the optional activities", "exponent"], cells)
 
 
+def _traffic(row: Mapping[str, Any]) -> tuple[str, str]:
+    """The least makespan without traffic, and how much more a plan takes (no other share of the
+    jobs may have been tried in the time).
+    """
+    without = row.get("without_traffic")
+    return ("", "") if without is None else (str(without), f"{row['makespan'] / without - 1:.0%}")
+
+
 def better_plans(rows: Rows) -> str:
     """The plans of an anytime planner, one after the other."""
     cells = [
@@ -165,8 +173,7 @@ def better_plans(rows: Rows) -> str:
         else [
             case,
             ", ".join(f"{makespan} ({seconds:.0f} s)" for makespan, seconds in row["plans"]),
-            str(row["without_traffic"]),
-            f"{row['makespan'] / row['without_traffic'] - 1:.0%}",
+            *_traffic(row),
             f"{row['bound']} ({row['absolute']})",
         ]
         for case, row in rows.items()

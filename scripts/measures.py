@@ -200,7 +200,7 @@ def better_plans(case: str) -> Values:
         "valid": int(valid),
         "first": next(iter(first)),
         "makespan": min(first),
-        "without_traffic": int(told["without_traffic"]),
+        **{k: int(told[k]) for k in ("without_traffic",) if k in told},
         "bound": int(told["lower_bound"]),
         "absolute": int(told.get("absolute_bound", told["lower_bound"])),
         "plans": [list(pair) for pair in first.items()],

@@ -39,19 +39,19 @@ def chain_of(seed):
     return chain, fastest, settled_speeds(chain.pieces, slower)
 
 
-def phases(chain, speeds):
+def phases(pieces, speeds):
     """Yield what a motion is made of: how long it lasts (s), and where it is after some of that."""
-    reach = [v * v * bend / (2 * chain.a) for v, bend in zip(speeds, chain.bends, strict=True)]
-    for i, length in enumerate(chain.lengths):
-        start, way = chain.nodes[i], chain.nodes[i + 1] - chain.nodes[i]
+    reach = [v * v * bend / (2 * pieces.a) for v, bend in zip(speeds, pieces.bends, strict=True)]
+    for i, length in enumerate(pieces.lengths):
+        start, way = pieces.nodes[i], pieces.nodes[i + 1] - pieces.nodes[i]
         if length < TINY:
-            seconds = abs(way[2]) / chain.omega
+            seconds = abs(way[2]) / pieces.omega
             yield seconds, lambda t, start=start, way=way, s=seconds: start + t / s * way
             continue
         ends, done = (speeds[i], speeds[i + 1]), reach[i]
         free = max(length - reach[i] - reach[i + 1], 0.0)
-        peak, rise, cruise, fall = profile(free, *ends, chain.tops[i], chain.a)
-        for s, v, a in (rise, ends[0], chain.a), (cruise, peak, 0.0), (fall, peak, -chain.a):
+        peak, rise, cruise, fall = profile(free, *ends, pieces.tops[i], pieces.a)
+        for s, v, a in (rise, ends[0], pieces.a), (cruise, peak, 0.0), (fall, peak, -pieces.a):
 
             def pose(t, start=start, way=way / length, done=done, v=v, a=a):
                 return start + (done + v * t + a * t * t / 2) * way
@@ -59,8 +59,8 @@ def phases(chain, speeds):
             yield s, pose
             done += v * s + a * s * s / 2
         if speeds[i + 1] > 0.0:
-            node, u = chain.nodes[i + 1], way / length * speeds[i + 1]
-            w = (chain.nodes[i + 2] - node) / chain.lengths[i + 1] * speeds[i + 1]
+            node, u = pieces.nodes[i + 1], way / length * speeds[i + 1]
+            w = (pieces.nodes[i + 2] - node) / pieces.lengths[i + 1] * speeds[i + 1]
             s = 2 * reach[i + 1] / speeds[i + 1]
             if s > 0.0:
                 yield (
@@ -75,7 +75,7 @@ def phases(chain, speeds):
 def test_motions_are_where_their_pieces_lead(seed):
     chain, _, speeds = chain_of(seed)
     motion, owners = timed(chain, speeds)
-    some = [phase for phase in phases(chain, speeds) if phase[0] > TINY]
+    some = [phase for phase in phases(chain.pieces, speeds) if phase[0] > TINY]
     starts = [0.0, *itertools.accumulate(seconds for seconds, _ in some)]
     assert motion.duration == pytest.approx(starts[-1], abs=1e-6)
     for time, pose in zip(motion.times[1:], motion.poses[1:], strict=True):
@@ -84,19 +84,20 @@ def test_motions_are_where_their_pieces_lead(seed):
     assert max(np.diff(motion.times)) < Trajectory.MAX_STEP + 1e-9
     assert len(owners) == len(motion.times)
     assert owners == sorted(owners)
-    assert 0 <= owners[0] <= owners[-1] < len(chain.nodes)
+    assert 0 <= owners[0] <= owners[-1] < len(chain.pieces.nodes)
 
 
 @pytest.mark.parametrize("seed", range(200))
 def test_speeds_change_from_node_to_node_as_they_can(seed):
     chain, fastest, speeds = chain_of(seed)
+    pieces = chain.pieces
     for some in (fastest, speeds):
         assert some[0] == some[-1] == 0.0
-        reach = some**2 * chain.bends / (2 * chain.a)
-        for i, length in enumerate(chain.lengths):
+        reach = some**2 * pieces.bends / (2 * pieces.a)
+        for i, length in enumerate(pieces.lengths):
             free = length - reach[i] - reach[i + 1]
-            assert max(some[i : i + 2]) <= max(chain.tops[i], TINY) + 1e-12
+            assert max(some[i : i + 2]) <= max(pieces.tops[i], TINY) + 1e-12
             if length > TINY:
-                assert abs(some[i + 1] ** 2 - some[i] ** 2) <= 2 * chain.a * free + 1e-6
+                assert abs(some[i + 1] ** 2 - some[i] ** 2) <= 2 * pieces.a * free + 1e-6
     assert np.all(speeds <= fastest)
-    assert np.all(fastest[1:-1][chain.bends[1:-1] > 2.0 - TINY] == 0.0)
+    assert np.all(fastest[1:-1][pieces.bends[1:-1] > 2.0 - TINY] == 0.0)

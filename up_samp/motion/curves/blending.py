@@ -210,38 +210,29 @@ def _sampled(
 
 @dataclass(frozen=True)
 class Chain:
-    """Straight pieces (see :class:`BlendedPieces`).
+    """Straight pieces, and the top speed ``v`` (m/s) of what moves along them.
 
-    Lengths, speeds and accelerations are of what is ``reach`` m off the reference point, and as
-    large as they may be there: a turn by an angle adds that arc.
+    Lengths, speeds and accelerations are of what is farthest off the reference point, and as large
+    as they may be there: a turn by an angle adds that arc.
     ``pins``: poses that the motion passes exactly, by the number of the node that stands for them.
     """
 
-    nodes: FloatArray
-    lengths: FloatArray
-    tops: FloatArray
-    bends: FloatArray
+    pieces: BlendedPieces
     v: float
-    a: float
-    omega: float
-    reach: float = 0.0
     pins: Mapping[int, FloatArray] = field(default_factory=dict)
-
-    @property
-    def pieces(self) -> BlendedPieces:
-        """Them, as kernels take them."""
-        return BlendedPieces(self.nodes, self.lengths, self.tops, self.bends, self.a, self.omega)
 
     def turns_back(self, node: int) -> bool:
         """Return whether the pieces before and after a node are of opposite directions."""
-        return bool(self.bends[node] > 2.0 - TINY)
+        return bool(self.pieces.bends[node] > 2.0 - TINY)
 
     @staticmethod
     def of(
         nodes: FloatArray, kinematics: Kinematics, pins: Mapping[int, FloatArray] | None = None
     ) -> Chain:
         """Return the chain with the limits of ``kinematics``."""
-        v, a, omega = kinematics.v_max, kinematics.a_max, kinematics.omega_max
+        limits = kinematics.v_max, kinematics.a_max, kinematics.omega_max
+        v, a, omega = map(float, limits)
+        nodes = np.ascontiguousarray(nodes, dtype=np.float64)
         steps = np.diff(nodes, axis=0)
         lengths = sizes_of(steps, kinematics.reach)
         safe = np.where(lengths > TINY, lengths, 1.0)
@@ -250,7 +241,7 @@ class Chain:
         changes = np.diff(steps / safe[:, None], axis=0)
         bends = np.zeros(len(nodes))
         bends[1:-1] = sizes_of(changes, kinematics.reach)
-        return Chain(nodes, lengths, tops, bends, v, a, omega, kinematics.reach, pins or {})
+        return Chain(BlendedPieces(nodes, lengths, tops, bends, a, omega), v, pins or {})
 
 
 def sizes_of(steps: FloatArray, reach: float) -> FloatArray:
@@ -267,7 +258,7 @@ def through(
     that fit it, none of them higher (None: no such corners were found).
     """
     for _ in range(60):  # a fixed point of corners and speeds, exact but for rounding
-        nodes, moved = chain.nodes, chain.nodes.copy()
+        nodes, moved = chain.pieces.nodes, chain.pieces.nodes.copy()
         for i, pin in chain.pins.items():
             if speeds[i] > 0.0:
                 moved[i] = pin - _cut(chain, i, float(speeds[i]))
@@ -284,11 +275,11 @@ def through(
 
 def _cut(chain: Chain, i: int, speed: float) -> FloatArray:
     """Return by how much the middle of the blend at node ``i`` lies off the node."""
-    sizes = chain.lengths[i - 1 : i + 1]
+    sizes = chain.pieces.lengths[i - 1 : i + 1]
     if min(sizes) < TINY:
         return np.zeros(3)
-    u, w = np.diff(chain.nodes[i - 1 : i + 2], axis=0) / sizes[:, None]
-    seconds = speed * chain.bends[i] / chain.a
+    u, w = np.diff(chain.pieces.nodes[i - 1 : i + 2], axis=0) / sizes[:, None]
+    seconds = speed * chain.pieces.bends[i] / chain.pieces.a
     return np.asarray((w - u) * speed * seconds / 8)
 
 
@@ -302,7 +293,7 @@ def timed(chain: Chain, speeds: FloatArray) -> tuple[Trajectory, list[int]]:
     if not keep[-1]:  # the last sample is the goal: drop the one before it instead
         keep[-1] = True
         keep[np.nonzero(keep[:-1])[0][-1]] = len(np.nonzero(keep[:-1])[0]) < 2
-    rows[-1] = chain.nodes[-1]
+    rows[-1] = chain.pieces.nodes[-1]
     return Trajectory(times[keep], rows[keep]), owners[keep].tolist()
 
 

@@ -127,7 +127,7 @@ def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: in
         if counts[r] > 0:
             coming[r] = _reached(work, shares, r, 0, 0.0)
             at[r, 1] = head[tours[r, 0]]
-            left[r] = _left(work, shares, r)
+            left[r] = _left(work, shares, r) if rules.at_once else 0.0
     while True:
         first = int(np.argmin(coming))
         if coming[first] == np.inf:

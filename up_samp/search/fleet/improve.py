@@ -21,8 +21,10 @@ from up_samp.search.check import Check
 from up_samp.search.events import Phase
 from up_samp.search.fleet.assignment import Assignment, exchanged, mended
 from up_samp.search.fleet.evaluator import AssignmentEvaluator, Step
+from up_samp.search.fleet.evaluator_kernel import CostWeights
 from up_samp.search.fleet.sequential import FleetSolution, alone, can_decide, times_of
 from up_samp.search.fleet.tours import TourPlanner
+from up_samp.search.fleet.travel_times import TravelTimeModel
 from up_samp.search.knowledge import Incumbent
 from up_samp.search.resolve import STEP_EFFORT, Subproblem
 from up_samp.search.search import Search
@@ -317,33 +319,40 @@ def _promising(
     if any; if that is more than the best tours take, they are looked for again from there.
     """
     limit = search.makespan * search.dealt.guess.snapshot.seconds_per_unit
-    start = search.dealt
+    best, found = search.dealt, list[Assignment]()
     for _ in range(_LOOKS):
-        best = min(_others(search, start, expected, deadline), default=None, key=lambda two: two[0])
-        if best is None or best[0] <= limit:
+        found += _others(search, best, expected, deadline)
+        if not found:
+            return None
+        usual = expected.rules._replace(handover=_usual(best.guess, expected.rules))
+        rehearsal = replace(expected, rules=usual)
+        lengths = [rehearsal.length(share.tours) for share in found]
+        best = found[lengths.index(min(lengths))]
+        if min(lengths) <= limit:
             break
-        start = best[1]
-    return None if best is None else best[1]
+    return best
 
 
 def _others(
     search: FleetLNS, start: Assignment, expected: AssignmentEvaluator, deadline: Deadline
-) -> list[tuple[float, Assignment]]:
-    """Return other shares of the jobs that were not tried yet, and how long (s) they are expected
-    to take.
-    """
-    rng, known, found = search.rng, [*start.guess.handovers.values()], []
-    least, usual = min(known, default=0.0), statistics.fmean(known or [expected.rules.handover])
+) -> list[Assignment]:
+    """Return other shares of the jobs, near one, that were not tried yet."""
+    rng, known, found = search.rng, start.guess.handovers, []
     for warmth in _WARMTHS:
         # those that are not known may be as short as any: so some of them are looked at
+        least, usual = min(known.values(), default=0.0), _usual(start.guess, expected.rules)
         rules = expected.rules._replace(handover=rng.uniform(least, 2 * usual - least))
         asked = replace(start, rehearsal=replace(expected, rules=rules))
         other = exchanged(asked, rng, deadline, warmth=warmth, another=True)
         share = mended(other, rng, deadline)
         if share.tours not in search.tried:
             found.append(share)
-    expected = replace(expected, rules=expected.rules._replace(handover=usual))
-    return [(expected.length(share.tours), share) for share in found]
+    return found
+
+
+def _usual(guess: TravelTimeModel, rules: CostWeights) -> float:
+    """Return how long (s) handovers take on average, as far as they are known."""
+    return statistics.fmean(guess.handovers.values() or [rules.handover])
 
 
 MOVES: Moves = ((other_ways, 0.5), (deal_again, 0.5))
