@@ -10,7 +10,7 @@ from tests.search.fleet.test_whole_tours import opened
 from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.model import Deadline
 from up_samp.search.fleet import improve, solve
-from up_samp.search.fleet.improve import FleetLNS, other_ways, plan_tours
+from up_samp.search.fleet.improve import FleetLNS, plan_tours, right_of_way, ways_past
 from up_samp.tuning import Tuning
 from up_samp.validation import validate_plan
 
@@ -36,17 +36,11 @@ def search_of(found, dealt, *, stale=12, seed=0):
     return FleetLNS(dealt, *found, *rest)
 
 
-@pytest.fixture(autouse=True)
-def other_ways_soon(monkeypatch):
-    """Look for other ways where little time is lost, too."""
-    monkeypatch.setattr(improve, "DELAYED", 1.0)
-
-
-@pytest.fixture(params=[name.__name__ for name, _ in improve.MOVES])
+@pytest.fixture(params=[move.__name__ for move in improve.MOVES])
 def one_move(request, monkeypatch):
     """Leave one move only."""
     move = getattr(improve, request.param)
-    monkeypatch.setattr(improve, "MOVES", ((move, 1.0),))
+    monkeypatch.setattr(improve, "MOVES", (move,))
     return move
 
 
@@ -92,30 +86,27 @@ def test_equal_seeds_bring_equal_changes(seed):
     assert ends[0] == ends[1]
 
 
-def test_what_takes_longer_than_alone_looks_for_other_ways(toured, monkeypatch):
-    _, found, _, dealt = toured
-    tours, best = found
-    delays = tours.delays(best)
-    assert delays.keys() == best.runs.keys() - best.needless
-    assert min(delays.values()) > -1.0
-    assert max(delays.values()) > 1.0
-    asked, look = [], tours.look_for_another_way
+def test_motions_look_for_ways_past_each_other():
+    problem, found, build, dealt = first_tours((6, 12), seed=3)
+    better, tours = search_of(found, dealt), found[0]
 
-    def noted(decided, name):
-        assert decided is best
-        asked.append(name)
-        return look(decided, name)
+    def known():
+        ways = tours.crossings(better.makespan).ways
+        return {(name, path) for name, some in ways.items() for path in some}
 
-    monkeypatch.setattr(tours, "look_for_another_way", noted)
-    better = search_of(found, dealt)
-    while len(asked) < sum(delay > 1.0 for delay in delays.values()):
-        before = len(asked)
-        other_ways(better, Deadline.never())
-        assert len(asked) > before
-    # each once, those first that lose most
-    assert [delays[n] for n in asked] == sorted(map(delays.get, asked), reverse=True)
-    assert len(set(asked)) == len(asked)
-    assert other_ways(better, Deadline.never()) is None
+    better.best = right_of_way(better, Deadline.never())
+    first, before = better.best, known()
+    again = ways_past(better, Deadline.never())
+    assert better.looked is first
+    assert again.lean().makespan < first.lean().makespan
+    # of the new ways those are kept that are driven
+    driven = {(name, path) for name, (path, _) in again.driven().items()}
+    assert known() == before | driven
+    assert driven - before
+    whole = build(again.schedule, again.trajectories())
+    assert validate_plan(problem, whole).violations == ()
+    # the same tours are looked at once
+    assert ways_past(better, Deadline.never()) is None
 
 
 def test_the_search_goes_on_from_tours_that_are_plans(toured, monkeypatch):

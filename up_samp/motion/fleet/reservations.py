@@ -23,6 +23,7 @@ from up_samp.motion.fleet.one_robot import (
     Stand,
     is_good,
     plan_one,
+    virtual_obstacles,
     ways_past,
 )
 from up_samp.motion.fleet.paths import Path
@@ -161,6 +162,21 @@ class ReservationTable:
         asked = motion.poses, best, stands, deadline
         for path in ways_past(self._workspace, *asked, tries=tries):
             ways.paths.setdefault(path.number, path)
+
+    def learn_way_past(
+        self, motion: TimedMotion, path: Path, other: TimedPath, deadline: Deadline
+    ) -> Path | None:
+        """Return a new way of a motion past where ``path`` meets another run's, if one is found. It
+        is a known way then.
+        """
+        ways, rows = self.ways(motion), self._workspace.conflicts(path, other.path)
+        met = [(other, int(np.median(rows[:, 1:])), 0.0)] if len(rows) else []
+        virtual, found = virtual_obstacles(self._workspace, path, met), None
+        if virtual:
+            found = self._workspace.detour(motion.body, motion.poses, (), virtual, deadline)
+        if found is None or found.number in ways.paths:
+            return None
+        return ways.paths.setdefault(found.number, found)
 
     def past_all_ends(self, motion: TimedMotion, deadline: Deadline) -> TimedPath | None:
         """Return the earliest run of a motion on its best path past the places where all others

@@ -3,13 +3,14 @@
 *First tours*: all tours are decided in the order of time, again and again; those that ended late
 have their turns sooner in the next round (squeaky wheel optimisation; Joslin and Clements 1999).
 *Better tours*: it is decided for all at once who goes first, and on which ways
-(:mod:`up_samp.search.fleet.right_of_way`). What is changed before that, again and again, is the
-choice of a *move*: one of the functions in :data:`MOVES` (large-neighbourhood search; Shaw 1998). A
+(:mod:`up_samp.search.fleet.right_of_way`). What is changed before that, again and again, is what
+the *moves* take in turns: the functions in :data:`MOVES` (large-neighbourhood search; Shaw 1998). A
 change is kept unless the plan gets longer by it, or its tours do on the whole.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 import random
 import statistics
@@ -57,10 +58,10 @@ _LOOKS = 3
 """Times that such shares are looked for at once, as long as none is expected to be done as soon."""
 _STEEP = 60.0
 """Power of a tour's end that counts in those: hardly any but the last one does."""
-_LOOKING = 8
-"""Motions that look for other ways at once, those that are delayed most..."""
-DELAYED = 2.0
-"""...by more than so many s."""
+_LONGER, _PASSES = 4, 3
+"""Units by which the tours of another share may be longer at first, so that motions look for ways
+past each other, so many times.
+"""
 
 
 def plan_tours(
@@ -200,8 +201,6 @@ def _sooner(stuck: str, first: Sequence[str]) -> list[str]:
 
 
 Move = Callable[["FleetLNS", Deadline], FleetSolution | None]
-Moves = Sequence[tuple[Move, float]]
-"""What may be changed, and how large a share of all changes each move has."""
 OpenTours = Callable[[Assignment, Deadline], TourPlanner | None]
 """Opens tours of what was dealt out, with nothing decided; None where they cannot be."""
 
@@ -217,8 +216,8 @@ class FleetLNS:
     rng: random.Random
     without_traffic: float = math.inf
     """When (s) all jobs are done at the soonest, as far as shared places tell."""
-    looked: set[str] = field(default_factory=set)
-    """Motions of the best tours for which other ways were looked for."""
+    looked: FleetSolution | None = None
+    """Tours whose motions have looked for ways past each other."""
     tried: list[Mapping[str, Sequence[Step]]] = field(default_factory=list)
     """Shares of the jobs whose tours were decided."""
 
@@ -229,18 +228,18 @@ class FleetLNS:
         """Yield tours that are over sooner than all before, until it is ``over`` or many changes in
         a row bring nothing.
         """
-        yield from self.changed(over, deadline, ((right_of_way, 1.0),), 1)
+        yield from self.changed(over, deadline, (right_of_way,), 1)
         yield from self.changed(over, deadline, MOVES, self.dealt.tuning.stale)
 
     def changed(
-        self, over: Callable[[], bool], deadline: Deadline, moves: Moves, stale: int
+        self, over: Callable[[], bool], deadline: Deadline, moves: Sequence[Move], stale: int
     ) -> Iterator[FleetSolution]:
-        """The same by some moves only, until as many changes in a row bring nothing as are
-        ``stale``.
+        """The same by some moves only, one after the other, until as many changes in a row bring
+        nothing as are ``stale``.
         """
-        left, shares = stale, [share for _, share in moves]
+        left, turns = stale, itertools.cycle(moves)
         while left > 0 and not over():
-            [(move, _)] = self.rng.choices(moves, shares)
+            move = next(turns)
             left -= 1
             before = self.cost(self.best)
             found = move(self, deadline)
@@ -248,7 +247,6 @@ class FleetLNS:
                 continue
             # as good ones, too: they lead elsewhere
             self.best = found
-            self.looked.clear()
             if self.cost(found) < before:
                 left = stale
             if self.cost(found)[0] < before[0]:
@@ -272,18 +270,12 @@ def right_of_way(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
     return search.tours.coordinated(search.best.driven(), search.makespan, deadline)
 
 
-def other_ways(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
-    """The same, after some of the motions that are delayed most have looked for other ways among
-    all others.
-    """
-    tours, best = search.tours, search.best
-    delays = tours.delays(best)
-    late = [n for n in sorted(delays, key=lambda n: (-delays[n], n)) if n not in search.looked]
-    some = [name for name in late[:_LOOKING] if delays[name] > DELAYED]
-    search.looked.update(some)
-    if not any([tours.look_for_another_way(best, name) for name in some]):
+def ways_past(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
+    """The same, after motions that meet have looked for ways past each other."""
+    if search.looked is search.best:
         return None
-    return right_of_way(search, deadline)
+    search.looked = search.best
+    return search.tours.past_each_other(search.best, search.makespan, deadline)
 
 
 def deal_again(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
@@ -305,11 +297,26 @@ def deal_again(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
     tours = search.open_tours(again, deadline)
     # ways past each other are known now
     guess.ask_handovers(found.handovers(), deadline, again=True)
-    decided = None if tours is None else tours.coordinated({}, search.makespan, deadline)
+    decided = None if tours is None else _at_once(search, tours, deadline)
     if tours is None or decided is None or search.cost(decided) > search.cost(search.best):
         return None
     search.tours, search.dealt = tours, again
     return decided
+
+
+def _at_once(search: FleetLNS, tours: TourPlanner, deadline: Deadline) -> FleetSolution | None:
+    """Return tours of another share, decided at once, again with ways of motions past each other as
+    long as they are longer than the best ones.
+    """
+    found = tours.coordinated({}, search.makespan + _LONGER, deadline)
+    for _ in range(_PASSES):
+        if found is None or search.cost(found) <= search.cost(search.best):
+            break
+        again = tours.past_each_other(found, found.lean().makespan, deadline)
+        if again is None:
+            break
+        found = again
+    return found
 
 
 def _promising(
@@ -355,4 +362,4 @@ def _usual(guess: TravelTimeModel, rules: CostWeights) -> float:
     return statistics.fmean(guess.handovers.values() or [rules.handover])
 
 
-MOVES: Moves = ((other_ways, 0.5), (deal_again, 0.5))
+MOVES: tuple[Move, ...] = (ways_past, deal_again)

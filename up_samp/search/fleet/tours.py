@@ -24,6 +24,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
+import numpy as np
+
 from up_samp.model import CandidateSchedule, Configuration, Deadline, Rest, TimedMotion
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.fleet.paths import Path
@@ -46,6 +48,10 @@ _TRIES = 200
 """Motions tried for one tour."""
 _CLOSE = 8.0
 """Seconds after one robot may leave a place, within which the next one has waited for it."""
+_TIGHT, _LOSES, _LOOKING = 0.5, 4.0, 20
+"""s at most from one motion to the one behind it, and s that both lose at least if the other one
+goes first: so many of them look for ways past each other at once, and a few more.
+"""
 _PRESSED = 0.8
 """Of the longest tour's time alone: who has less to spare is decided before others."""
 NOT_AHEAD: Mapping[str, float] = MappingProxyType({})
@@ -218,15 +224,6 @@ class TourPlanner:
         self._waiting = dict(self._motions)
         self._floor = ReservationTable(self._service, self._rests())
 
-    def delays(self, decided: FleetSolution) -> dict[str, float]:
-        """Return by how much (s) motions end later than if nobody was in their way."""
-        seconds, times = self._facts.seconds, self._begun[0]
-        return {
-            name: decided.runs[name].arrival
-            - seconds(self._ready(decided, name) + times["end", name] - times["start", name])
-            for name in decided.driven()
-        }
-
     def decided(self) -> FleetSolution:
         """Return what is decided, when all is."""
         runs = self._floor.trajectories()
@@ -308,32 +305,55 @@ class TourPlanner:
             runs.append(run_of(motion, path, natural_timing(path, start)))
         return _one_after_the_other(runs)
 
-    def look_for_another_way(self, decided: FleetSolution, name: str) -> bool:
-        """Look for another way of a motion among all others as they were decided, on which it may
-        be over sooner; return whether there is a new one, which all know from then on.
+    def past_each_other(
+        self, decided: FleetSolution, limit: int, deadline: Deadline
+    ) -> FleetSolution | None:
+        """Return all tours decided at once again, over by ``limit`` (units) at the latest, after
+        motions that meet on their way have looked for ways past each other; None where there are no
+        new ones, or nothing was found. New ways that are of no use then are forgotten.
         """
-        self.reset()
-        chain = self._chains[self.robot_of(name)]
-        left = {*chain[chain.index(name) :], *decided.needless}
-        for run in decided.runs.values():
-            if run.name not in left:
-                self._floor.add(replace(run, until=math.inf))
-        self._place_changed(name)
-        motion = self._timed_as(name, self._facts.seconds(self._ready(decided, name)))
-        known = len(self._floor.ways(motion).paths)
-        self._floor.by_proposed_way(motion, decided.runs[name])
-        return len(self._floor.ways(motion).paths) > known
+        new = self._ways_past_each_other(decided, deadline)
+        if not new:
+            return None
+        driven = self.crossings(limit).decide(decided.driven(), deadline)
+        for name, path in new:
+            if driven is None or name not in driven or driven[name][0] is not path:
+                del self._floor.ways(self._timed_as(name, 0.0)).paths[path.number]
+        return None if driven is None else self.follow(driven)
 
-    def _ready(self, decided: FleetSolution, name: str) -> int:
-        """Return when (units) a motion could begin if it heeded nobody: as long after its robot's
-        last one as it takes at least.
+    def _ways_past_each_other(
+        self, decided: FleetSolution, deadline: Deadline
+    ) -> list[tuple[str, Path]]:
+        """Return new ways of motions, which are known ones from then on, past others that meet them
+        on their way and make them lose most if they go first.
         """
-        times, chain = self._begun[0], self._chains[self.robot_of(name)]
-        k = chain.index(name)
-        if k == 0:
-            return times["start", name]
-        last = chain[k - 1]
-        return decided.pins[last][1] + times["start", name] - times["end", last]
+        new, driven = list[tuple[str, Path]](), decided.driven()
+        for one, other in self._close(driven):
+            for name, there in ((one, other), (other, one)):
+                motion, run = self._timed_as(name, 0.0), decided.runs[there]
+                path = self._floor.learn_way_past(motion, driven[name][0], run, deadline)
+                new += [] if path is None else [(name, path)]
+            if len(new) >= _LOOKING or deadline.expired():
+                break
+        return new
+
+    def _close(self, driven: Driven) -> list[tuple[str, str]]:
+        """Return the motions of which one drives right behind the other one where both come by,
+        those first where that one has to be gone for longest.
+        """
+        found = list[tuple[float, str, str]]()
+        motions = {name: self._timed_as(name, 0.0) for name in driven}
+        for one, other in itertools.combinations(sorted(driven), 2):
+            (path, start), (there, then) = driven[one], driven[other]
+            over, gone = start + path.natural.duration, then + there.natural.duration
+            if self.robot_of(one) == self.robot_of(other) or start > gone or then > over:
+                continue
+            gaps = self._floor.passing(motions[one], path, motions[other], there)[:, :, 0, 0]
+            for first, second in gaps[np.isfinite(gaps).all(axis=1)]:
+                left = then - start - first if then - start >= first else start - then - second
+                if left < _TIGHT and first + second > _LOSES:
+                    found.append((-first - second, one, other))
+        return [(one, other) for _, one, other in sorted(found)]
 
     def decide_in_turns(
         self,
