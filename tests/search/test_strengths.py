@@ -15,6 +15,7 @@ from tests.benchmarks.scene import SceneBuilder
 from tests.fuzz.cases import Case, Robot, Style
 from tests.fuzz.floors import rooms
 from tests.fuzz.problems import build
+from tests.shuffled import shuffled
 from up_samp.benchmarks.places import box
 from up_samp.extensions import extended
 from up_samp.model import (
@@ -231,3 +232,42 @@ def test_no_order_of_three_robots_is_a_proof(tmp_path):
     assert strengths == {Strength.HEURISTIC}
     assert result.status is Status.SOLVED_OPTIMALLY
     assert int(result.metrics["lower_bound"]) == 22 == int(result.metrics["makespan"])
+
+
+def strewn(seed):
+    """A drive of one robot past others that stand about, listed anyhow."""
+    rng = random.Random(f"strewn {seed}")
+    scene = SceneBuilder(f"strewn{seed}")
+    model = rng.choice([MotionModels.REEDSSHEPP, MotionModels.SE2])
+
+    def place(name, low, high, y):
+        return scene.place(name, (rng.uniform(low, high), y, rng.uniform(-3.0, 3.0)))
+
+    ends = [place(f"p{k}", x, x + 4.0, rng.uniform(5.0, 15.0)) for k, x in enumerate((3.0, 17.0))]
+    robot = scene.robot("r0", ends[0], model)
+    for i in range(rng.choice([0, 3, 5])):
+        scene.robot(f"parked{i}", place(f"between{i}", 9.5, 13.5, 4.0 + 2.6 * i))
+    scene.drive("go", robot, ends, (1, 2000))
+    return shuffled(scene.problem, seed).problem
+
+
+def bounds_beaten(seed):
+    """Return what random trees say that no plan beats, where another plan does; and whether two of
+    them differ.
+    """
+    told, makespans = [], []
+    for params in ({"preset": "paper", "seed": 1}, {"preset": "paper", "seed": 2}, {}):
+        params = {"seconds_per_unit": 0.1, "query_seconds": 2.0, "optimal": True, **params}
+        with OneshotPlanner(name="samp-refine[cpsat]", params=params) as solver:
+            metrics = solver.solve(strewn(seed), timeout=20).metrics
+        told += [float(metrics["lower_bound"])] if "preset" in params else []
+        makespans.append(int(metrics["makespan"]))
+    return [bound for bound in told if bound > min(makespans)], len({*makespans[:2]}) > 1
+
+
+@pytest.mark.parametrize("seeds", [range(6), pytest.param(range(6, 60), marks=pytest.mark.long)])
+def test_a_way_drawn_at_random_bounds_nothing(seeds):
+    """What a random tree finds is the planner's fastest only where nothing is in its way."""
+    found = [bounds_beaten(seed) for seed in seeds]
+    assert [beaten for beaten, _ in found] == [[] for _ in seeds]
+    assert any(differ for _, differ in found)

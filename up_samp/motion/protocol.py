@@ -53,9 +53,10 @@ class Leg:
 
     ``effort`` counts what the planner expanded or sampled. ``complete``: the search ended by itself
     and not by a deadline or by ``LegQuery.effort``, so that asking again with more time gives the
-    same; only then the motion counts as the planner's fastest. ``corners`` (n, 3): the corners of
-    an omnidirectional body's way, which the trajectory blends; with them it can pass from one leg
-    into the next without a stop.
+    same; only then the motion counts as the planner's fastest, and only where its way was not
+    ``drawn`` at random: another draw may be faster. ``corners`` (n, 3): the corners of an
+    omnidirectional body's way, which the trajectory blends; with them it can pass from one leg into
+    the next without a stop.
     """
 
     trajectory: Trajectory | None
@@ -63,6 +64,7 @@ class Leg:
     effort: int = 0
     complete: bool = False
     corners: FloatArray | None = None
+    drawn: bool = False
 
     def turned(self, start: Configuration) -> Leg:
         """Return the leg driven from its end, which is at the pose ``start``, to its start. Its

@@ -112,7 +112,7 @@ class MotionService:
         best = slowed(whole, usual) is whole and seconds_of(whole, usual) == whole.duration
         best = best and not query.body.kinematics.heeds_turns
         final = all(leg.complete for leg in legs)
-        complete = smooth and best and final
+        complete = smooth and best and final and not any(leg.drawn for leg in legs)
         report = PathReport(Outcome.FOUND, motion, planner=used, complete=complete)
         if best:
             return report, final

@@ -338,8 +338,7 @@ def _behind(
     (units; 0: not known) if it gives way, or any that is within ``slack``. Only the two are there.
     """
     facts = motions.facts
-    alone = motions.path(PathQuery(leader.body, leader.poses))
-    drive = alone.trajectory if alone.complete else None
+    drive = motions.path(PathQuery(leader.body, leader.poses)).trajectory
 
     def end(offset: int) -> int:
         if drive is None:

@@ -560,4 +560,4 @@ def control_leg(
         pieces = world.shortened(pieces)
     trajectory = world.exact(pieces)
     reason = "" if trajectory is not None else "the motion found does not end at the goal"
-    return Leg(trajectory, reason, budget.used, not budget.cut)
+    return Leg(trajectory, reason, budget.used, not budget.cut, drawn=True)

@@ -204,7 +204,7 @@ def flyer_leg(scene: Scene, query: LegQuery, deadline: Deadline, *, planner: str
     nodes = np.array([start, *states[1:-1], goal], dtype=np.float64)
     nodes = shorten(world, nodes, budget, seed)
     motion = timed_chain(nodes, body.kinematics)
-    return Leg(motion, "", budget.used, not budget.cut)
+    return Leg(motion, "", budget.used, not budget.cut, drawn=len(nodes) > 2)
 
 
 def shorten(world: FlyerWorld, nodes: FloatArray, budget: WorkBudget, seed: int) -> FloatArray:

@@ -36,6 +36,7 @@ from up_samp.motion.curves.reeds_shepp import (
     DriveLimits,
     Pose,
     connect,
+    fastest,
     merged,
     path_time,
     shortest,
@@ -414,11 +415,14 @@ def planar_leg(
     corners = None
     if world.car:
         trajectory = _drive(world, start, goal, nodes, seed)
+        least, _ = fastest(start[:3], goal[:3], limits_of(query.body.kinematics))
+        drawn = trajectory is not None and trajectory.duration > least + 1e-6
     else:
         trajectory, corners = _glide(world, goal, nodes, seed)
+        drawn = len(corners) > 2
     unsafe = f"OMPL's {planner} found a path, but none that is safe the way it has to be driven"
     reason = "" if trajectory is not None else unsafe
-    return Leg(trajectory, reason, budget.used, not budget.cut, corners)
+    return Leg(trajectory, reason, budget.used, not budget.cut, corners, drawn)
 
 
 # ------------------ Planners by name, and what a search has reached
