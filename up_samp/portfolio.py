@@ -5,10 +5,14 @@
     with ProcessPoolExecutor(4) as executor:
         result = solve_portfolio(problem, seeds(4), executor=executor, timeout=60)
 
-The members are independent. Whoever is back first has no say: the result is the shortest plan, the
-first of them where several are as short. It is optimal if it meets its own member's bound, or any
-absolute one: a relative bound speaks of the motions that its member's planner finds. A member whose
-worker is lost has no say: the log says so, and ``lost`` of the metrics how many there were.
+Whoever is back first has no say: the result is the shortest plan, the first of them where several
+are as short. It is optimal if it meets its own member's bound, or any absolute one: a relative
+bound speaks of the motions that its member's planner finds. A member whose worker is lost has no
+say: the log says so, and ``lost`` of the metrics how often that was.
+
+In several rounds, all members begin each one from the best plan so far, from other random numbers:
+large-neighbourhood searches that share their incumbent. A round is a task for each member, whoever
+is there to do it.
 """
 
 from __future__ import annotations
@@ -44,6 +48,8 @@ log = logging.getLogger(__name__)
 SAME = ("seconds_per_unit", "margin")
 """What is part of the question: members that differ in it answer different ones."""
 
+PROVEN = Status.SOLVED_OPTIMALLY.name, Status.UNSOLVABLE_PROVEN.name
+"""The statuses of members after which no other round is of use."""
 LOST = "LOST"
 """The status of a member whose worker did not come back."""
 LEAVE = 0.05
@@ -81,26 +87,25 @@ def solve_portfolio(
     *,
     executor: Executor | None = None,
     timeout: float | None = None,
+    rounds: int = 1,
 ) -> PlanGenerationResult:
     """Return the best that ``members`` find.
 
     :param executor: who runs them; it should have as many workers as there are members, for who
         is not back in time has no say. ``None``: processes of this machine, one for each core.
     :param timeout: s, for all together.
+    :param rounds: in which members search; each begins from the best plan of those before, and ends
+        after its share of the time, or each member's ``runtime``.
 
-    Raises :class:`ProblemError` where there are no members, or one cannot be sent.
+    Raises :class:`ProblemError` where there are no members, one cannot be sent, or nothing ends a
+    round.
     """
-    if not members:
-        raise ProblemError("a portfolio needs at least one member")
-    for name in SAME:
-        usual = getattr(Parameters(), name)
-        if len({m.params.get(name, usual) for m in members}) > 1:
-            raise ProblemError(f"the members of a portfolio need the same {name!r}")
-    try:
-        data = pickle.dumps((problem, tuple(members)))
-    except Exception as error:
-        raise ProblemError(f"the problem or a member cannot be sent to workers: {error}") from error
-    deadline = Deadline.after(timeout)
+    if not members or rounds < 1:
+        raise ProblemError("a portfolio needs at least one member, and one round")
+    endless = timeout is None and any("runtime" not in m.params for m in members)
+    if rounds > 1 and endless:
+        raise ProblemError("rounds of a portfolio need a time limit, or a 'runtime' of each member")
+    data, deadline = _sent(problem, members), Deadline.after(timeout)
     environment = get_environment()
     with ExitStack() as stack:
         # members are silent, those that are run in this process, too
@@ -111,27 +116,57 @@ def solve_portfolio(
             turns = -(-len(members) // count)
             pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"))
             executor = stack.enter_context(pool)
-        # what a worker found has to come back, too
-        each = math.inf if timeout is None else 0.95 * timeout / turns
-        ends = math.inf if turns > 1 else time.time() + each
-        asked = [_submit(executor, data, number, each, ends) for number in range(len(members))]
-        said = [_answer(future, deadline.remaining()) for future in asked]
-    return _result(problem, said)
+        said: list[Said] = []
+        for left in range(rounds, 0, -1):
+            soon = deadline.within(deadline.remaining() / left)
+            # what a worker found has to come back, too
+            each = 0.95 * soon.remaining() / turns
+            ends = math.inf if turns > 1 else time.time() + each
+            begin = min((s for s in said if s.plan), key=_makespan, default=None)
+            asked = [
+                _submit(executor, data, number, each, ends, begin and begin.plan)
+                for number in range(len(said), len(said) + len(members))
+            ]
+            said += [_answer(future, soon.remaining()) for future in asked]
+            if any(s.status in PROVEN for s in said):
+                break
+    return _result(problem, said, len(members))
 
 
-def run_member(data: bytes, number: int, each: float, ends: float) -> Said:
+def _sent(problem: SchedulingMotionProblem, members: Sequence[Member]) -> bytes:
+    """Return what workers are sent, if members answer one question."""
+    for name in SAME:
+        usual = getattr(Parameters(), name)
+        if len({m.params.get(name, usual) for m in members}) > 1:
+            raise ProblemError(f"the members of a portfolio need the same {name!r}")
+    try:
+        return pickle.dumps((problem, tuple(members)))
+    except Exception as error:
+        raise ProblemError(f"the problem or a member cannot be sent to workers: {error}") from error
+
+
+def run_member(
+    data: bytes, number: int, each: float, ends: float, begin: PlanDict | None = None
+) -> Said:
     """Run a member of a portfolio that was sent: a worker's task, for ``each`` s at most, until
-    ``ends`` (of ``time.time``: a cluster's clocks are in step).
+    ``ends`` (of ``time.time``: a cluster's clocks are in step). Numbers go on from round to round;
+    ``begin`` is the best plan until then.
     """
     from unified_planning.shortcuts import OneshotPlanner
 
     import up_samp  # noqa: F401  (registers the engines)
 
     problem, members = pickle.loads(data)
-    member, seconds = members[number], min(each, max(0.0, ends - time.time()))
+    member, seconds = members[number % len(members)], min(each, max(0.0, ends - time.time()))
+    params, start = dict(member.params), None if begin is None else plan_from_dict(problem, begin)
+    if number >= len(members):
+        params["seed"] = params.get("seed", 0) + number - number % len(members)
+    if start is not None:
+        params |= {"optimal": True, "first_plan": False}
     get_environment().credits_stream = None
-    with OneshotPlanner(name=member.engine, params=dict(member.params)) as planner:
-        result = planner.solve(problem, timeout=None if math.isinf(seconds) else seconds)
+    with OneshotPlanner(name=member.engine, params=params) as planner:
+        limit = None if math.isinf(seconds) else seconds
+        result = planner.solve(problem, timeout=limit, warm_start_plan=start)
     told, metrics = " ".join(words_told(result)), figures_told(result)
     bound, kind = int(metrics.get("lower_bound", 0)), str(metrics.get("bound_kind", ""))
     if result.plan is None:
@@ -167,10 +202,17 @@ def _answer(future: Future[Said], seconds: float) -> Said:
         return Said(LOST, message=f"a worker is lost: {error!r}")
 
 
-def _result(problem: SchedulingMotionProblem, said: Sequence[Said]) -> PlanGenerationResult:
+def _makespan(said: Said) -> float:
+    """Return how long a member's plan takes (inf: there is none)."""
+    return math.inf if said.makespan is None else said.makespan
+
+
+def _result(
+    problem: SchedulingMotionProblem, said: Sequence[Said], members: int
+) -> PlanGenerationResult:
     """Return the best plan that stands before the validator, with the best bound."""
     lost = sum(s.status == LOST for s in said)
-    metrics = {"members": str(len(said)), "lost": str(lost)}
+    metrics = {"members": str(members), "lost": str(lost)}
     metrics["statuses"] = ", ".join(s.status for s in said)
     ranked = [(s.makespan, number) for number, s in enumerate(said) if s.makespan is not None]
     for makespan, number in sorted(ranked):
@@ -180,7 +222,7 @@ def _result(problem: SchedulingMotionProblem, said: Sequence[Said]) -> PlanGener
             continue
         bound = _bound(said, said[number])
         metrics |= {"lower_bound": str(bound.lower_bound), "bound_kind": bound.bound_kind}
-        metrics |= {"makespan": str(makespan), "member": str(number)}
+        metrics |= {"makespan": str(makespan), "member": str(number % members)}
         # whether a relative bound is enough is its own member's to say
         met = bool(problem.quality_metrics) and 0 < bound.lower_bound == makespan
         met &= bound.bound_kind == ABSOLUTE

@@ -59,7 +59,9 @@ class Parameters:
     stop: Callable[[State], bool] | None = None
     """Asked before every round whether to stop there."""
     runtime: float = math.inf
-    """Longest search (s), as ``timeout`` says it where UP takes one; it ends what is under way."""
+    """Longest search (s), as ``timeout`` says it where UP takes one; it ends what is under way. If
+    ``reproducible``, it counts work.
+    """
     components: Any = None
     """What the search is made of (:class:`up_samp.search.search.Components`), instead of what the
     preset says."""

@@ -12,9 +12,10 @@ from functools import cached_property
 from typing import Any
 
 from unified_planning.model.motion import SchedulingMotionProblem
-from unified_planning.plans import Schedule
+from unified_planning.plans import Plan, Schedule
 
 from up_samp.model import CandidateSchedule, Trajectory, Violation
+from up_samp.model.frames import Frame
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.model.snapshot import Snapshot
 from up_samp.scheduling import Scheduler, open_scheduler
@@ -168,17 +169,30 @@ class Problem:
 
         return ThinnedScheduler(scheduler, relaxation, seed=seed, tuning=self.tuning)
 
+    def known(self, plan: Plan | None) -> Mapping[str, Trajectory]:
+        """Return what a UP plan drives, as far as it tells, as its parts are called in plans."""
+        found: Mapping[str, Trajectory] = getattr(plan, "trajectories", {})
+        return self._moved(found, [frame.inverse for frame in self.snapshot.to_world])
+
+    def _moved(
+        self, found: Mapping[str, Trajectory], frames: Sequence[Frame]
+    ) -> Mapping[str, Trajectory]:
+        """Return trajectories taken out of the frame of their map, if there are any frames."""
+        moved = dict(found)
+        for task in self.snapshot.tasks if frames else ():
+            key = trajectory_key(task.activity, task.index)
+            if key in found:
+                own = found[key]
+                moved[key] = replace(own, poses=frames[task.map].out(own.poses))
+        return moved
+
     def build(
         self, schedule: CandidateSchedule, trajectories: Mapping[str, Trajectory]
     ) -> SampSchedule:
         """Return the UP plan of a schedule; trajectories are in the world frame there."""
-        found, snapshot = dict(trajectories), self.snapshot
-        for task in snapshot.tasks if snapshot.to_world else ():
-            key = trajectory_key(task.activity, task.index)
-            if key in found:
-                own = found[key]
-                found[key] = replace(own, poses=snapshot.to_world[task.map].out(own.poses))
-        return build_plan(self.source, snapshot, schedule, found, self.params.margin)
+        snapshot, margin = self.snapshot, self.params.margin
+        found = self._moved(trajectories, snapshot.to_world)
+        return build_plan(self.source, snapshot, schedule, found, margin)
 
 
 @dataclass

@@ -108,8 +108,8 @@ def open_search(
         check_start_poses(snapshot, service)
         search = assemble(Problem(problem, snapshot, wrapped, params), service, deadline)
         whole = params.components is not None or not only_makespan(problem)
-        if "incumbents" not in params.without and not whole and start is None:
-            _look_for_jobs(search)
+        if "incumbents" not in params.without and not whole:
+            _look_for_jobs(search, start)
     search.history.stages = stages
     search.start = None if start is None else start_of(problem, start)
     if "incumbents" not in params.without and start is None and snapshot.tasks:
@@ -117,10 +117,10 @@ def open_search(
     return search
 
 
-def _look_for_jobs(search: Search) -> None:
+def _look_for_jobs(search: Search, start: Plan | None) -> None:
     """Find the jobs that robots may share: of a large problem, for plans in parts; of others, for
-    a bound before the search, if robots drive in the midst of a job. (Of single tasks the scheduler
-    knows more.)
+    a bound before the search, if robots drive in the midst of a job, and no plan is given to
+    ``start`` from. (Of single tasks the scheduler knows more.)
     """
     problem, snapshot = search.problem.source, search.problem.snapshot
     jobs = find_jobs(problem, snapshot)
@@ -132,8 +132,9 @@ def _look_for_jobs(search: Search) -> None:
     if large and (driving or 2 * len(earlier_jobs(problem, jobs)) <= len(jobs.options)):
         inner = partial(open_thin, search.problem, search.motions.service)
         in_parts = LargeProblem(problem, snapshot, jobs, inner, search.tuning, search.facts.choices)
+        in_parts = replace(in_parts, known=search.problem.known(start))
         search.in_parts = partial(solve_large, in_parts)
-    elif driving:
+    elif driving and start is None:
 
         def bound(search: Search) -> tuple[()]:
             state_bounds(search, problem, jobs, relative=False)
@@ -186,7 +187,7 @@ def open_thin(
 def assemble(problem: Problem, service: MotionService, deadline: Deadline) -> Search:
     """Return a search of the components that the parameters ask for."""
     params = problem.params
-    deadline = replace(deadline, at=min(deadline.at, deadline.started + params.runtime))
+    deadline = replace(deadline, at=deadline.within(params.runtime - deadline.used()).at)
     relaxation = problem.relax()
     components = components_of(params, native=problem.native)
     facts = Facts(relaxation.snapshot, relaxation.choices)

@@ -9,7 +9,7 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 from unified_planning.environment import Environment
-from unified_planning.model import Effect, FNode, Timepoint, Timing
+from unified_planning.model import Effect, FNode, Parameter, Timepoint, Timing, Type
 from unified_planning.model.mixins.timed_conds_effs import TimedCondsEffs
 from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import Activity, SchedulingProblem
@@ -216,6 +216,15 @@ def whole(activity: Activity, early: int = 0) -> TimeInterval:
     if early:
         return ClosedTimeInterval(Timing(0, activity.start), Timing(-early, activity.end))
     return LeftOpenTimeInterval(Timing(0, activity.start), Timing(0, activity.end))
+
+
+def with_parameter(activity: Activity, name: str, tpe: Type) -> Parameter:
+    """Add a parameter to an activity of any environment (UP's own way to do so knows the global one
+    only), and return it.
+    """
+    found = Parameter(f"{activity.name}.{name}", tpe, activity._environment)
+    activity._parameters[name] = found
+    return found
 
 
 def rewritten(lasts: DurationInterval, rewrite: Callable[[FNode], FNode]) -> DurationInterval:

@@ -41,6 +41,7 @@ from up_samp.upio.expressions import (
     effects_of,
     rewritten,
     walk,
+    with_parameter,
 )
 from up_samp.upio.objective import check_copied
 from up_samp.upio.plan import SampSchedule
@@ -289,7 +290,7 @@ def _copy(
         for parameter in activity.parameters:
             if parameter not in chosen:
                 own = parameter.name.removeprefix(f"{activity.name}.")
-                put.also(parameter, copy.add_parameter(own, parameter.type))
+                put.also(parameter, with_parameter(copy, own, parameter.type))
     copy._set_duration_constraint(rewritten(activity.duration, put))
     for span, conditions in conditions_of(activity).items():
         mine = [put(c) for c in conditions if whole or put.speaks(c)]

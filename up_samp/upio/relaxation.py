@@ -45,7 +45,7 @@ from up_samp.model import (
 )
 from up_samp.model.refinement import Given, Literal
 from up_samp.model.snapshot import Snapshot, Term, TermKind
-from up_samp.upio.expressions import chronicles_of, constraints_of, walk
+from up_samp.upio.expressions import chronicles_of, constraints_of, walk, with_parameter
 from up_samp.upio.movers import FluentChanges, changes_of
 
 
@@ -206,7 +206,7 @@ def _add_parameter(relaxation: Relaxation, activity: Activity, what: str, tpe: A
     names = (base if n == 0 else f"{base}_{n}" for n in itertools.count())
     taken = {p.name for p in activity.parameters}
     free = next(n for n in names if f"{activity.name}.{n}" not in taken)
-    mine: Parameter = activity.add_parameter(free, tpe)
+    mine = with_parameter(activity, free, tpe)
     relaxation.variables[mine.name] = mine
     return mine
 

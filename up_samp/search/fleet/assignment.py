@@ -19,7 +19,7 @@ import numpy as np
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity
 
-from up_samp.model import Configuration, Deadline
+from up_samp.model import CandidateSchedule, Configuration, Deadline
 from up_samp.model.snapshot import TermKind
 from up_samp.search.fleet.evaluator import AssignmentEvaluator, Step, Stop
 from up_samp.search.fleet.evaluator_kernel import CostWeights, anneal, drawn, insert
@@ -109,13 +109,39 @@ def assign(
     The drives that are dealt out are planned, and jobs are dealt out again with what is known then,
     until nothing new is learned (at most ``rounds`` times).
     """
-    jobs = rehearsal.jobs
-    found = Assignment(rehearsal, {robot: [] for robot in rehearsal.robots}, tuning)
-    work = [min(o.work for o in options) for options in jobs.options]
-    due = [min(o.due for o in options) for options in jobs.options]
-    for job in sorted(range(len(jobs.options)), key=lambda j: (due[j], -work[j], j)):
-        found.tours = {**found.tours, **inserted(found, job)}
+    found = with_all_jobs(Assignment(rehearsal, {robot: [] for robot in rehearsal.robots}, tuning))
     return mended(exchanged(found, rng, deadline), rng, deadline, rounds)
+
+
+def made_by(
+    plan: CandidateSchedule, rehearsal: AssignmentEvaluator, deadline: Deadline, tuning: Tuning
+) -> Assignment:
+    """Return the share of the jobs that a plan has made; those of which it knows nothing are given
+    out, too. What its drives take is learned.
+    """
+    tours: dict[str, list[Step]] = {robot: [] for robot in rehearsal.robots}
+    begun = {
+        (j, k): min(plan.times[name] for name in option.members)
+        for j, options in enumerate(rehearsal.jobs.options)
+        for k, option in enumerate(options)
+        if option.members <= plan.times.keys()
+    }
+    first = dict(sorted(sorted(begun), key=begun.__getitem__, reverse=True))
+    for j, k in sorted(first.items(), key=begun.__getitem__):
+        tours[rehearsal.jobs.options[j][k].robot].append((j, k))
+    found = with_all_jobs(Assignment(rehearsal, tours, tuning))
+    found.guess.ask(found.ways(), deadline)
+    return found
+
+
+def with_all_jobs(found: Assignment) -> Assignment:
+    """Return a share with the jobs that it leaves out, each given to who has done all soonest."""
+    work = [min(o.work for o in options) for options in found.jobs.options]
+    due = [min(o.due for o in options) for options in found.jobs.options]
+    left = set(range(len(work))) - {j for tour in found.tours.values() for j, _ in tour}
+    for job in sorted(left, key=lambda j: (due[j], -work[j], j)):
+        found = replace(found, tours={**found.tours, **inserted(found, job)})
+    return found
 
 
 def mended(

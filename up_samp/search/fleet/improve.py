@@ -17,7 +17,7 @@ import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from up_samp.model import CandidateSchedule, Deadline
+from up_samp.model import CandidateSchedule, Deadline, Trajectory
 from up_samp.search.check import Check
 from up_samp.search.events import Phase
 from up_samp.search.fleet.assignment import Assignment, exchanged, mended
@@ -70,17 +70,22 @@ def plan_tours(
     deadline: Deadline,
     *,
     homes: frozenset[str] = frozenset(),
+    known: Mapping[str, Trajectory] | None = None,
 ) -> tuple[TourPlanner, FleetSolution] | None:
     """Return the tours of a candidate, and the best way to decide them that was found; None where
     there is none.
 
     :param homes: motions at the end of tours that may be left out where nobody needs them.
+    :param known: what a plan drives, which is tried first.
     """
     search.tell.stage(Phase.GROUP, count=len(itinerary.motions))
     with search.budget.motion_time():
         tours = undecided_tours(search, itinerary, homes)
         if tours is None:
             return None
+        found = tours.as_planned(known or {})
+        if found is not None:
+            return tours, found
         tours.learn_ways_past(deadline)
         found = squeaky_wheel(tours, random.Random(search.seed), deadline)
         if found is None and _whole(tours, deadline):
@@ -228,6 +233,7 @@ class FleetLNS:
         """Yield tours that are over sooner than all before, until it is ``over`` or many changes in
         a row bring nothing.
         """
+        self.tours.learn_ways_past(deadline)  # those of a plan may be all that is known
         yield from self.changed(over, deadline, (right_of_way,), 1)
         yield from self.changed(over, deadline, MOVES, self.dealt.tuning.stale)
 

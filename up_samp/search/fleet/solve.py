@@ -14,8 +14,8 @@ from __future__ import annotations
 import math
 import random
 from collections import defaultdict
-from collections.abc import Callable, Generator, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from operator import attrgetter
 
@@ -28,6 +28,7 @@ from up_samp.model import (
     Deadline,
     PathQuery,
     TimedMotion,
+    Trajectory,
 )
 from up_samp.model.snapshot import Snapshot, grouped
 from up_samp.motion.fleet.reservations import ReservationTable
@@ -39,6 +40,7 @@ from up_samp.search.fleet.assignment import (
     assign,
     decided_by,
     in_stated_order,
+    made_by,
     state_order,
 )
 from up_samp.search.fleet.duties import duties_of
@@ -86,6 +88,8 @@ class LargeProblem:
     open_thin: OpenThin
     tuning: Tuning
     choices: Choices
+    known: Mapping[str, Trajectory] = field(default_factory=dict)
+    """What a plan to begin from drives."""
 
     @cached_property
     def beside(self) -> frozenset[Stop]:
@@ -144,6 +148,7 @@ def solve_large(
             if not optimal:
                 return conclude(search)
         yield from improve(search, large, found[1])
+        search.start = None
     if search.bounds.met or search.budget.deadline.expired():
         return conclude(search)
     if search.stopped:
@@ -173,11 +178,16 @@ def can_be_done(search: Search) -> Callable[[Sequence[WorkMode]], bool]:
 
 
 def deals_of(search: Search, large: LargeProblem, deadline: Deadline) -> Iterator[Assignment]:
-    """Yield shares of the jobs: the best one found, then others, more and more careful about
-    what is due.
+    """Yield shares of the jobs: that of a plan to begin from, if there is one, the best one found,
+    then others, more and more careful about what is due.
     """
     guess, rules = guess_of(search, large), CostWeights()
     earlier = earlier_jobs(large.problem, large.jobs)
+    if search.start is not None:
+        rehearsal = AssignmentEvaluator(guess, large.jobs, rules)
+        soon = deadline.within(_DEALING * deadline.remaining())
+        share = made_by(search.start, rehearsal, soon, large.tuning)
+        yield in_stated_order(share, earlier, large.jobs.crews)
     for number in range(large.tuning.deals):
         # who was late was guessed to be too quick
         careful = rules._replace(traffic=rules.traffic * (1.0 + _SLOWER * number))
@@ -248,13 +258,15 @@ def plan_of_deal(
     :param opened: the search on what was dealt out, and its candidate.
     """
     inner, itinerary = opened
-    found = plan_tours(inner, itinerary, deadline, homes=homes_of(large.problem, dealt))
-    if found is None:
-        return None
-    rng, again = random.Random(search.seed), partial(open_tours, large)
-    plan = plan_of_tours(search, found[1])
-    better = FleetLNS(dealt, *found, again, rng)
-    return None if plan is None else (plan, better)
+    homes = homes_of(large.problem, dealt)
+    # what was a plan may be none any more
+    for known in (large.known, {}) if large.known else ({},):
+        found = plan_tours(inner, itinerary, deadline, homes=homes, known=known)
+        plan = None if found is None else plan_of_tours(search, found[1])
+        if found is not None and plan is not None:
+            rng, again = random.Random(search.seed), partial(open_tours, large)
+            return plan, FleetLNS(dealt, *found, again, rng)
+    return None
 
 
 def plan_of_tours(search: Search, decided: FleetSolution) -> Incumbent | None:

@@ -26,9 +26,17 @@ from types import MappingProxyType
 
 import numpy as np
 
-from up_samp.model import CandidateSchedule, Configuration, Deadline, Rest, TimedMotion
+from up_samp.model import (
+    CandidateSchedule,
+    Configuration,
+    Deadline,
+    Rest,
+    TimedMotion,
+    Trajectory,
+    same_pose,
+)
 from up_samp.model.arrays import FloatArray
-from up_samp.motion.fleet.paths import Path
+from up_samp.motion.fleet.paths import Path, path_of
 from up_samp.motion.fleet.reservations import ReservationTable
 from up_samp.motion.fleet.timed_path import TimedPath, natural_timing, run_of
 from up_samp.scheduling.partial_order import Earliest
@@ -276,9 +284,28 @@ class TourPlanner:
         driven = self.crossings(limit).decide(known, deadline)
         return None if driven is None else self.follow(driven)
 
-    def follow(self, driven: Driven) -> FleetSolution | None:
+    def as_planned(self, plan: Mapping[str, Trajectory]) -> FleetSolution | None:
+        """Return what comes of it if all is driven as in a plan; None where that knows nothing of a
+        motion, or is too late for what is asked now. Whether robots meet is for a judge to say.
+        What is driven is a known way from then on.
+        """
+        driven: dict[str, tuple[Path, float]] = {}
+        for name, motion in self._motions.items():
+            own, asked = plan.get(motion_key(motion)), self._timed_as(name, 0.0)
+            path = None if own is None else path_of(own, asked.body, decided=True)
+            if own is not None and path is not None and _leads(path, asked):
+                driven[name] = path, own.start
+                self._floor.ways(asked).paths.setdefault(path.number, path)
+        if self._motions.keys() - self._homes - driven.keys():
+            return None
+        return self.follow(driven, unseen=True)
+
+    def follow(self, driven: Driven, *, unseen: bool = False) -> FleetSolution | None:
         """Return what comes of it if motions are made on such ways at such times, each as soon as
         it can be then; None where that does not keep what is asked.
+
+        :param unseen: whether robots may meet, as somebody else will judge: cells are coarser than
+            bodies.
         """
         self.reset()
         runs = {robot: self._planned(robot, driven) for robot in self.robots}
@@ -294,7 +321,8 @@ class TourPlanner:
             if run.timing.trajectory.start < motion.release - 1e-6 or not self._take(name, run):
                 return None
             mine[k : k + 2] = _one_after_the_other([run, *later[:1]])
-        return self.decided() if all(map(self._floor.clear, runs.values())) else None
+        clear = unseen or all(map(self._floor.clear, runs.values()))
+        return self.decided() if clear else None
 
     def _planned(self, robot: str, driven: Driven) -> list[TimedPath]:
         """Return a robot's runs on such ways at such times."""
@@ -512,6 +540,11 @@ class TourPlanner:
     def _least(self, name: str) -> float:
         """Return the least time (s) that a motion takes."""
         return self._facts.seconds(self._end(name) - self._start(name))
+
+
+def _leads(path: Path, motion: TimedMotion) -> bool:
+    """Return whether a path begins and ends where a motion does."""
+    return all(map(same_pose, path.ends, (motion.poses[0], motion.poses[-1])))
 
 
 def _one_after_the_other(runs: Sequence[TimedPath]) -> list[TimedPath]:
