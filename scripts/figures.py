@@ -165,7 +165,7 @@ folders the maps are.
 PLACES = ("hospital", "factory", *["nav2_warehouse"] * ("NAV2_MAPS" in os.environ))
 """Examples whose plans are looked at beside those of a routing solver."""
 IDEAS = (
-    *("bounds-first", "certificates", "small-cuts", "equivalents", "profiles", "incumbents"),
+    *("bounds-first", "certificates", "small-cuts", "equivalents", "handovers", "incumbents"),
     *("slack", "single-geometric", "single-temporal"),
 )
 SHOPS = ("ft06", "la01", "la02", "la05", "ft10", "ta01")

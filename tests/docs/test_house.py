@@ -100,10 +100,10 @@ def test_this_package_has_no_circle(package):
 
 LIMITS = {
     "long_functions": 1,
-    "wide_functions": 16,
+    "wide_functions": 15,
     "long_files": 0,
     "said_twice": 7,
-    "tunables": 17,
+    "tunables": 16,
 }
 NUMBERS = 245
 CLASSES = 527
@@ -121,4 +121,4 @@ def test_the_figures_do_not_grow(package):
     assert package.tunables + package.constants <= NUMBERS
     assert package.class_count <= CLASSES
     # what is left out of lines alone (imports, problems built line by line) raises this: count both
-    assert package.branches / package.lines < 0.2750
+    assert package.branches / package.lines < 0.2748

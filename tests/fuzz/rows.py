@@ -28,7 +28,7 @@ model. Each is drawn as often as it is named.
 OWN = (
     *(a for a in ATTACKERS if a.engine == "cpsat"),
     Attacker("cpsat", {"preset": "sequential"}),
-    Attacker("cpsat", {"without": ("small_cuts", "profiles")}),
+    Attacker("cpsat", {"without": ("small_cuts", "handovers")}),
 )
 STARTING = 9.0
 """Seconds more for engines in processes of their own, which have to be started."""

@@ -15,7 +15,7 @@ from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.upio import read_problem, relax, write_refinement
 from up_samp.validation import validate_plan
 
-BLIND = ("bounds_first", "certificates", "profiles", "small_cuts")
+BLIND = ("bounds_first", "certificates", "handovers", "small_cuts")
 SEEDS = (8, 13, 16)
 
 get_environment().credits_stream = None

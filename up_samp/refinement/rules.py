@@ -195,34 +195,6 @@ def handed_over(
     return Refinement(Clause(literals), Layer.BOUND, strength, why)
 
 
-def pair_meets(
-    first: str,
-    second: str,
-    offsets: tuple[int, int],
-    second_ends: int,
-    first_ends: int,
-    why: str,
-) -> Refinement:
-    """Return what two motions that meet need: an interaction profile over start offsets.
-
-    For ``second.start - first.start`` in the closed range ``offsets``, either the second gives
-    way and ends no earlier than ``second_ends`` after the first's start, or the first does and
-    ends no earlier than ``first_ends`` after the second's start (collision intervals of
-    continuous-time conflict-based search, Andreychuk et al. 2019, as scheduling disjunctions).
-    Heuristic: on other ways both may be in time.
-    """
-    low, high = offsets
-    literals = (
-        Absent(first),
-        Absent(second),
-        Apart(start_of(second), start_of(first), 1 - low),
-        Apart(start_of(first), start_of(second), high + 1),
-        Apart(start_of(first), end_of(second), second_ends),
-        Apart(start_of(second), end_of(first), first_ends),
-    )
-    return Refinement(Clause(literals), Layer.GROUP, Strength.HEURISTIC, why)
-
-
 def group_timing(
     motions: Sequence[ScheduledMotion],
     arrivals: Mapping[str, int],

@@ -17,7 +17,6 @@ PARTS = {
     "doubt": (0.2, 2.0),
     "bound by proven facts": (0.3, 10.0),
     "unobstructed motions": (0.2, 30.0),
-    "interaction profile": (0.05, 6.0),
     "orders that cannot change": (0.2, 10.0),
     "plans by an easier objective": (0.4, math.inf),
     "motions one at a time": (0.25, math.inf),

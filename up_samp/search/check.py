@@ -122,7 +122,7 @@ class Checker:
         self.note(missed, report.blockers, itinerary, report.reason)
         if learn and not found:
             asked = itinerary, group, query, report
-            failure = Failure(self.motions, self.knowledge, self.cuts.alike, *asked)
+            failure = Failure(self.motions, self.knowledge, *asked)
             check.refinements += self.cuts.group(failure)
 
     def note(

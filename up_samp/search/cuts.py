@@ -4,14 +4,11 @@ matter, or the cuts of the paper.
 
 from __future__ import annotations
 
-import itertools
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 from up_samp.model import (
-    Deadline,
     GroupQuery,
     GroupReport,
     Outcome,
@@ -24,9 +21,8 @@ from up_samp.model import (
 )
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.model.snapshot import Snapshot
-from up_samp.motion.fleet import earliest_arrival
 from up_samp.refinement import rules
-from up_samp.search.facts import Facts, MotionCase, are_apart
+from up_samp.search.facts import Facts, MotionCase
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.statements import blocked_while, duration_of
 from up_samp.search.world import Motions, motion_key, places_between, remaining
@@ -55,13 +51,10 @@ class Alone:
 class Failure:
     """One group of a candidate, what was asked and answered. What it tells is a guess: other ways,
     or other places to wait at, than those that were tried may do.
-
-    ``alike`` tells for which motions a cut is to be stated.
     """
 
     motions: Motions
     knowledge: Knowledge
-    alike: Alike
     itinerary: Itinerary
     group: Sequence[ScheduledMotion]
     query: GroupQuery
@@ -101,19 +94,6 @@ class Failure:
             for m in self.group
             if motion_key(m) in names or (m.moved & objects and m.start <= last and m.end >= first)
         ]
-
-    def pairs_like(
-        self, one: ScheduledMotion, other: ScheduledMotion
-    ) -> list[tuple[MotionCase, MotionCase]]:
-        """Return two of the group's motions and then, where they heed each other, all pairs of two
-        objects' motions that are the same to the planner.
-        """
-        facts = self.facts
-        own = facts.case(one), facts.case(other)
-        if not are_apart(*own):
-            return [own]
-        pairs = itertools.product(self.alike(facts, one), self.alike(facts, other))
-        return [own, *(pair for pair in pairs if pair != own and are_apart(*pair))]
 
     def rivals(self, motions: Sequence[ScheduledMotion]) -> list[str]:
         """Return the other motion activities of the same objects: they might clear the way."""
@@ -296,120 +276,6 @@ def _timing_cut(failure: Failure) -> Refinement:
         why,
         rivals=failure.rivals(motions),
     )
-
-
-# ------------------ Interaction profiles: two motions meet at a whole range of start offsets
-
-
-def pair_cuts(failure: Failure, late: str) -> list[Refinement]:
-    """Return an interaction profile of the late motion with one that it meets.
-
-    Stated for all pairs of motions that are the same to the motion planner.
-    """
-    deadline = failure.motions.budget.part("interaction profile")
-    for other in _partners(failure, late):
-        if deadline.expired():
-            break
-        first, second = sorted((late, other), key=lambda n: (failure.scheduled[n].start, n))
-        cut = _pair_cut(failure, first, second, deadline)
-        if cut is not None:
-            return cut
-    return []
-
-
-def _partners(failure: Failure, late: str) -> list[str]:
-    """Return whom the late motion may have met: those that the planner names, if it does. Who takes
-    on what the other one brings is one body with it at that instant: no such pair is looked at.
-    """
-    mine = failure.scheduled[late]
-    named = failure.report.conflict
-    overlapping = [
-        n
-        for n, m in sorted(failure.scheduled.items())
-        if not m.moved & mine.moved and m.start <= mine.end and mine.start <= m.end
-    ]
-    return [n for n in overlapping if n in named] or overlapping
-
-
-def _behind(
-    motions: Motions, leader: TimedMotion, follower: TimedMotion, slack: int, deadline: Deadline
-) -> Callable[[int], int]:
-    """Return what tells for the follower's start after the leader's its earliest end after that
-    (units; 0: not known) if it gives way, or any that is within ``slack``. Only the two are there.
-    """
-    facts = motions.facts
-    drive = motions.path(PathQuery(leader.body, leader.poses)).trajectory
-
-    def end(offset: int) -> int:
-        if drive is None:
-            return 0
-        release = facts.seconds(offset)
-        moved = replace(
-            follower,
-            release=release,
-            due=facts.seconds(slack),  # any arrival by then is soon enough
-            present_from=release,
-            present_until=math.inf,
-        )
-        limit = deadline.within(motions.budget.query_seconds)
-        arrival = earliest_arrival(motions.service, moved, leader, drive, limit)
-        return 0 if arrival is None else facts.units(arrival)
-
-    return end
-
-
-def _pair_cut(
-    failure: Failure, first: str, second: str, deadline: Deadline
-) -> list[Refinement] | None:
-    """Return the pair's cuts for the widest range of offsets that still rejects the candidate."""
-    a, b = failure.scheduled[first], failure.scheduled[second]
-    timed_a, timed_b = failure.timed[first], failure.timed[second]
-    motions, slack_first, slack_second = failure.motions, a.end - b.start, b.end - a.start
-    second_end = _behind(motions, timed_a, timed_b, slack_second, deadline)
-    first_end = _behind(motions, timed_b, timed_a, slack_first, deadline)
-    offset = b.start - a.start
-
-    def second_late(at: int) -> bool:
-        return second_end(at) > slack_second
-
-    def first_late(at: int) -> bool:
-        return first_end(-at) > slack_first
-
-    if not second_late(offset) or not first_late(offset):
-        return None
-    reach = max(a.end - a.start, b.end - b.start)
-    low = _widest(offset, -1, reach, second_late)
-    high = _widest(offset, +1, reach, first_late)
-    needed_b, needed_a = second_end(low), first_end(-high)
-    if low > high or not needed_b or not needed_a:
-        return None
-    why = f"{a.activity} and {b.activity} meet when started {low} to {high} units apart"
-    return [
-        rules.only_given(
-            rules.pair_meets(x.activity, y.activity, (low, high), needed_b, needed_a, why),
-            tuple(sorted({*x.given, *y.given})),
-        )
-        for x, y in failure.pairs_like(a, b)
-    ]
-
-
-def _widest(offset: int, step: int, reach: int, works: Callable[[int], bool]) -> int:
-    """Return the offset farthest from ``offset`` on one side at which ``works`` still holds.
-
-    ``works`` is monotone: who starts earlier never arrives later.
-    """
-    good, size = offset, 1
-    while size <= reach and works(offset + step * size):
-        good = offset + step * size
-        size *= 2
-    bad = offset + step * size
-    while abs(bad - good) > 1:
-        middle = (good + bad) // 2
-        if works(middle):
-            good = middle
-        else:
-            bad = middle
-    return good
 
 
 # ------------------ What the validator has against a plan that the search took for valid

@@ -121,7 +121,7 @@ IDEAS: Mapping[str, str] = {
     "certificates": "proofs of unreachability (stated before the first schedule), unary places",
     "small_cuts": "failed groups shrunk to the motions that conflict, with the rivals that matter",
     "equivalents": "refinements stated for all equivalent objects",
-    "profiles": "pairs of motions that meet learned for whole ranges of start offsets",
+    "handovers": "proven gaps between who leaves a place and who comes there",
     "incumbents": "candidate schedules repaired into plans",
     "slack": "motions given what time the candidate's makespan leaves them",
     "tidy": "motions that nothing needs, and waits, left out of the plan that is returned",
@@ -149,7 +149,7 @@ _KINDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
 """What parameters may be, by name; the others are switches."""
 
 
-_OURS = ("bounds_first", "certificates", "small_cuts", "profiles", "incumbents", "slack", "tidy")
+_OURS = ("bounds_first", "certificates", "small_cuts", "handovers", "incumbents", "slack", "tidy")
 PRESETS: Mapping[str, Mapping[str, Any]] = {
     "default": {},
     "paper": {"without": _OURS, "path_planner": "RRT"},

@@ -14,7 +14,7 @@ from up_samp.extensions import parts
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.search.budget import SchedulerPace
 from up_samp.search.check import CheckAlone, check_duration, check_path
-from up_samp.search.cuts import Attempt, PaperCuts, SmallCuts, pair_cuts
+from up_samp.search.cuts import Attempt, PaperCuts, SmallCuts
 from up_samp.search.events import Phase
 from up_samp.search.facts import Facts, just_this
 from up_samp.search.fleet.improve import in_order, in_order_at_last
@@ -79,14 +79,10 @@ def _statements() -> Sequence[tuple[Statement, Ideas]]:
         ),
         (
             Statement("handing over places", lambda s: proven_handovers(s.motions)),
-            ("bounds_first", "profiles"),
+            ("bounds_first", "handovers"),
         ),
         *((Statement(name, told), ("refine",)) for name, told in parts("statements").items()),
     )
-
-
-ATTEMPTS: Sequence[tuple[Attempt, Ideas]] = ((pair_cuts, ("profiles",)),)
-"""What a late motion may tell: it meets another one at a whole range of start offsets."""
 
 
 def components_of(params: Parameters, *, native: bool) -> Components:
@@ -109,7 +105,7 @@ def components_of(params: Parameters, *, native: bool) -> Components:
     return Components(
         statements=with_ideas(_statements()),
         layers=with_ideas(LAYERS),
-        cuts=_cuts(ideas, (*outside, *with_ideas(ATTEMPTS)), params.seed),
+        cuts=_cuts(ideas, outside, params.seed),
         pace=SchedulerPace(ideas >= {"native", "incumbents"}),
         shapers=with_ideas(((slack, ("slack",)),)),
         builders=with_ideas(((in_order, ("incumbents",)),)),

@@ -16,7 +16,7 @@ from up_samp.model import (
     TimedMotion,
 )
 from up_samp.motion.curves.reeds_shepp import DriveLimits
-from up_samp.motion.fleet import coordinate, earliest_arrival
+from up_samp.motion.fleet import coordinate
 from up_samp.motion.fleet.paths import TimeSets
 from up_samp.motion.fleet.speed import TunedPath, in_time, reachable
 from up_samp.motion.fleet.timed_path import natural_timing, run_of
@@ -195,18 +195,6 @@ def test_same_seed_same_answer():
     for name in "abc":
         assert (found[0][name].times == found[1][name].times).all()
         assert (found[0][name].poses == found[1][name].poses).all()
-
-
-def test_earliest_arrival_among_movers():
-    service = MotionService(room(40, 12, [(1, 1, 39, 11)]))
-    a = motion("a", (3, 6, 0), (37, 6, 0), 0, 30)
-    alone = solve(service, [a]).trajectories["a"].end
-    delays = []
-    for release in (0.0, alone / 2 - 4.0, alone):  # before it, across its way, after it
-        b = motion("b", (20, 2.5, UP), (20, 9.5, UP), release)
-        drive = solve(service, [b]).trajectories["b"]
-        delays.append(earliest_arrival(service, a, b, drive, Deadline.never()) - alone)
-    assert delays[0] == delays[2] == 0.0 < delays[1] < drive.end - drive.start
 
 
 LONG = (1, 1, 99, 3)

@@ -48,8 +48,8 @@ from up_samp.motion.fleet.paths import (
     shared_stretch,
 )
 from up_samp.motion.fleet.speed import fit, parked_all_the_time, tune
-from up_samp.motion.fleet.timed_path import ON_TIME, TimedPath, Timing, natural_timing, run_of
-from up_samp.motion.fleet.workspace import PathPlanner, Workspace, workspace_of
+from up_samp.motion.fleet.timed_path import ON_TIME, TimedPath, natural_timing, run_of
+from up_samp.motion.fleet.workspace import Workspace
 from up_samp.motion.guides import widest_shape
 from up_samp.motion.legs import before_docking, dock_of, docking_leg, strung
 from up_samp.motion.protocol import Leg, LegQuery
@@ -99,27 +99,6 @@ def _lasts(placed: Placed, others: Iterable[TimedPath]) -> bool:
     return any(
         o.object == placed.name and o.path.cells == 0 and o.until == math.inf for o in others
     )
-
-
-def earliest_arrival(
-    service: PathPlanner,
-    motion: TimedMotion,
-    leader: TimedMotion,
-    drive: Trajectory,
-    deadline: Deadline,
-) -> float | None:
-    """Return the earliest found arrival (s) of one motion among nothing but a ``leader``, who is
-    there as long as its decided ``drive``; None where none was found, or a search was cut short:
-    what that found need not be the earliest.
-    """
-    workspace = workspace_of(service)
-    truncated = workspace.truncated
-    path = path_of(drive, leader.body, decided=True)
-    timing = Timing(drive, path.natural_s)
-    ahead = TimedPath(leader.name, leader.object, path, timing, drive.start, drive.end, None)
-    run = plan_one(workspace, motion, [ahead], deadline).run
-    cut = deadline.expired() or workspace.truncated != truncated
-    return None if run is None or cut else run.arrival
 
 
 def nothing(deadline: Deadline) -> Outcome:
