@@ -102,8 +102,8 @@ def solve_portfolio(
     """
     if not members or rounds < 1:
         raise ProblemError("a portfolio needs at least one member, and one round")
-    endless = timeout is None and any("runtime" not in m.params for m in members)
-    if rounds > 1 and endless:
+    runtime = max(member.params.get("runtime", math.inf) for member in members)
+    if rounds > 1 and timeout is None and runtime == math.inf:
         raise ProblemError("rounds of a portfolio need a time limit, or a 'runtime' of each member")
     data, deadline = _sent(problem, members), Deadline.after(timeout)
     environment = get_environment()
@@ -122,9 +122,9 @@ def solve_portfolio(
             # what a worker found has to come back, too
             each = 0.95 * soon.remaining() / turns
             ends = math.inf if turns > 1 else time.time() + each
-            begin = min((s for s in said if s.plan), key=_makespan, default=None)
+            begin = min(said, key=_makespan, default=Said("")).plan
             asked = [
-                _submit(executor, data, number, each, ends, begin and begin.plan)
+                _submit(executor, data, number, each, ends, begin)
                 for number in range(len(said), len(said) + len(members))
             ]
             said += [_answer(future, soon.remaining()) for future in asked]
@@ -158,10 +158,10 @@ def run_member(
 
     problem, members = pickle.loads(data)
     member, seconds = members[number % len(members)], min(each, max(0.0, ends - time.time()))
-    params, start = dict(member.params), None if begin is None else plan_from_dict(problem, begin)
-    if number >= len(members):
-        params["seed"] = params.get("seed", 0) + number - number % len(members)
-    if start is not None:
+    params, start = dict(member.params), None
+    params["seed"] = params.get("seed", 0) + number - number % len(members)
+    if begin is not None:
+        start = plan_from_dict(problem, begin)
         params |= {"optimal": True, "first_plan": False}
     get_environment().credits_stream = None
     with OneshotPlanner(name=member.engine, params=params) as planner:

@@ -58,7 +58,7 @@ _CLOSE = 8.0
 """Seconds after one robot may leave a place, within which the next one has waited for it."""
 _TIGHT, _LOSES, _LOOKING = 0.5, 4.0, 20
 """s at most from one motion to the one behind it, and s that both lose at least if the other one
-goes first: so many of them look for ways past each other at once, and a few more.
+goes first: so many pairs of them look for ways past each other at once.
 """
 _PRESSED = 0.8
 """Of the longest tour's time alone: who has less to spare is decided before others."""
@@ -356,32 +356,35 @@ class TourPlanner:
         on their way and make them lose most if they go first.
         """
         new, driven = list[tuple[str, Path]](), decided.driven()
-        for one, other in self._close(driven):
+        for one, other in self._close(driven)[:_LOOKING]:
             for name, there in ((one, other), (other, one)):
                 motion, run = self._timed_as(name, 0.0), decided.runs[there]
                 path = self._floor.learn_way_past(motion, driven[name][0], run, deadline)
-                new += [] if path is None else [(name, path)]
-            if len(new) >= _LOOKING or deadline.expired():
-                break
+                if path is not None:
+                    new.append((name, path))
         return new
 
     def _close(self, driven: Driven) -> list[tuple[str, str]]:
         """Return the motions of which one drives right behind the other one where both come by,
         those first where that one has to be gone for longest.
         """
-        found = list[tuple[float, str, str]]()
-        motions = {name: self._timed_as(name, 0.0) for name in driven}
-        for one, other in itertools.combinations(sorted(driven), 2):
-            (path, start), (there, then) = driven[one], driven[other]
-            over, gone = start + path.natural.duration, then + there.natural.duration
-            if self.robot_of(one) == self.robot_of(other) or start > gone or then > over:
-                continue
-            gaps = self._floor.passing(motions[one], path, motions[other], there)[:, :, 0, 0]
-            for first, second in gaps[np.isfinite(gaps).all(axis=1)]:
-                left = then - start - first if then - start >= first else start - then - second
-                if left < _TIGHT and first + second > _LOSES:
-                    found.append((-first - second, one, other))
-        return [(one, other) for _, one, other in sorted(found)]
+
+        def apart(pair: tuple[str, str]) -> float:
+            (path, start), (there, then) = map(driven.__getitem__, pair)
+            (lasts, over) = path.natural.duration, there.natural.duration
+            return 2 * abs(then - start + (over - lasts) / 2) - lasts - over
+
+        def loses(pair: tuple[str, str]) -> float:
+            (path, start), (there, then) = map(driven.__getitem__, pair)
+            one, other = (self._timed_as(name, 0.0) for name in pair)
+            gaps, since = self._floor.passing(one, path, other, there)[:, :, 0, 0], then - start
+            left = np.where(since >= gaps[:, 0], since - gaps[:, 0], -since - gaps[:, 1])
+            return float(np.max(gaps[left < _TIGHT].sum(axis=1), initial=0.0))
+
+        pairs = itertools.combinations(sorted(driven), 2)
+        met = [p for p in pairs if len({*map(self.robot_of, p)}) > 1 and apart(p) < 0.0]
+        lost = dict(zip(met, map(loses, met), strict=True))
+        return sorted((p for p in met if lost[p] > _LOSES), key=lambda p: -lost[p])
 
     def decide_in_turns(
         self,
