@@ -344,8 +344,9 @@ class TourPlanner:
         if not new:
             return None
         driven = self.crossings(limit).decide(decided.driven(), deadline)
+        used = {path.number for path, _ in (driven or {}).values()}
         for name, path in new:
-            if driven is None or name not in driven or driven[name][0] is not path:
+            if path.number not in used:
                 del self._floor.ways(self._timed_as(name, 0.0)).paths[path.number]
         return None if driven is None else self.follow(driven)
 
@@ -371,7 +372,7 @@ class TourPlanner:
 
         def apart(pair: tuple[str, str]) -> float:
             (path, start), (there, then) = map(driven.__getitem__, pair)
-            (lasts, over) = path.natural.duration, there.natural.duration
+            lasts, over = path.natural.duration, there.natural.duration
             return 2 * abs(then - start + (over - lasts) / 2) - lasts - over
 
         def loses(pair: tuple[str, str]) -> float:
