@@ -11,8 +11,15 @@ from unified_planning.shortcuts import OneshotPlanner
 
 from tests.oracles.clocks import Watch
 from tests.search.expensive import KINDS, Floor
+from tests.shuffled import shuffled
+from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.model import Deadline, MotionModel, OutOfTimeError, in_force
 from up_samp.search import check as checks
+from up_samp.search.loop import state_what_is_known
+from up_samp.search.params import Parameters
+from up_samp.search.search import Wrapped
+from up_samp.search.session import open_search
+from up_samp.search.statements import lower_bounds, unary_places, unreachable
 from up_samp.upio.plan import up_path
 from up_samp.validation import validate_plan
 
@@ -93,3 +100,38 @@ def test_motions_that_nobody_looked_at_any_more_do_not_pass(monkeypatch, asked):
     check = checker.check(SimpleNamespace(motions=["a", "b", "c", "d"]))
     assert check.passed == (asked >= 4)
     assert len(seen) == min(4, asked + 1)
+
+
+def opened(seed):
+    """Return a search on a warehouse that knows nothing yet, listed anyhow."""
+    problem = shuffled(warehouse(3, 6, encoding="compact", seed=seed), seed).problem
+    wrapped = Wrapped("cpsat", {"workers": 1}, lambda *_: [], lambda *_: [], native=True)
+    search = open_search(problem, wrapped, Parameters(), Deadline.after(600.0))
+    search.scheduler.close()
+    return search
+
+
+@pytest.mark.parametrize("looks", [0, 1, 50, 200])
+def test_what_is_known_is_stated_as_long_as_there_is_time(looks):
+    """One thing at a time: of a large fleet it takes as long as all that was to be done."""
+    search, number = opened(looks), count()
+    deadline = SimpleNamespace(over=lambda _: next(number) >= looks)
+    with in_force(deadline), pytest.raises(OutOfTimeError):
+        state_what_is_known(search)
+    assert next(number) == looks + 1
+    assert len(search.knowledge.active) <= looks
+    with in_force(Deadline.never()):
+        state_what_is_known(search)
+    assert len(search.knowledge.active) > looks
+
+
+def test_what_is_stated_is_looked_for_as_long_as_there_is_time():
+    search = opened(3)
+    finders = (
+        lambda: lower_bounds(search.motions, search.knowledge),
+        lambda: unreachable(search.motions),
+        lambda: unary_places(search.motions),
+    )
+    for find in finders:
+        with in_force(Deadline.after(0.0)), pytest.raises(OutOfTimeError):
+            find()

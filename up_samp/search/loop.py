@@ -6,10 +6,10 @@ Algorithm 1 (Tosello et al., ICAPS 2026).
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from up_samp.model import CandidateSchedule, ScheduleReport, ScheduleStatus
+from up_samp.model import CandidateSchedule, ScheduleReport, ScheduleStatus, check_time
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.search.check import Check
 from up_samp.search.conclusion import (
@@ -124,8 +124,15 @@ def state_what_is_known(search: Search) -> None:
     with search.budget.motion_time():
         for statement in search.components.statements:
             search.tell.stage(Phase.PREPARE, statement.name)
-            search.learn(statement.find(search))
+            search.learn(_in_time(statement.find(search)))
     search.tell("round", None, search.knowledge.active, (), search.history)
+
+
+def _in_time(said: Iterable[Refinement]) -> Iterator[Refinement]:
+    """Yield what is ``said`` as long as there is time: of large problems it is a lot to write."""
+    for refinement in said:
+        check_time()
+        yield refinement
 
 
 def get_schedule(search: Search, *, optimal: bool) -> ScheduleReport:

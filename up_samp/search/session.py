@@ -131,8 +131,8 @@ def _look_for_jobs(search: Search, start: Plan | None) -> None:
     # of a job shop's tasks most wait for what others do: who deals out knows too little of that
     if large and (driving or 2 * len(earlier_jobs(problem, jobs)) <= len(jobs.options)):
         inner = partial(open_thin, search.problem, search.motions.service)
-        in_parts = LargeProblem(problem, snapshot, jobs, inner, search.tuning, search.facts.choices)
-        in_parts = replace(in_parts, known=search.problem.known(start))
+        choices, known = search.facts.choices, search.problem.known(start)
+        in_parts = LargeProblem(problem, snapshot, jobs, inner, search.tuning, choices, known)
         search.in_parts = partial(solve_large, in_parts)
     elif driving and start is None:
 

@@ -49,6 +49,7 @@ def lower_bounds(motions: Motions, knowledge: Knowledge) -> list[Refinement]:
     why = "no motion between these poses is faster, whatever else stands there"
     bounds: dict[MotionTask, dict[MotionCase, int]] = {}
     for signature, cases in motions.facts.by_signature.items():
+        check_time()
         units = motions.facts.units(motions.service.lower_bound(*signature))
         knowledge.stated[signature] = units if units > 1 else 0
         for case in cases:
@@ -154,6 +155,7 @@ def unreachable(motions: Motions) -> list[Refinement]:
 
 def _never_possible(motions: Motions, cases: Sequence[MotionCase]) -> list[Refinement]:
     """Return proofs that ``cases``, all of one motion, cannot be made, whatever moves where."""
+    check_time()
     report = motions.never_possible(cases)
     return [] if report is None else [_ruled_out(case, report) for case in cases]
 
@@ -330,6 +332,8 @@ def _overlapping(motions: Motions, nodes: list[tuple[str, str]]) -> Edges:
     snapshot = motions.facts.snapshot
     edges: Edges = set()
     for i, j in itertools.combinations(range(len(nodes)), 2):
+        if j == i + 1:
+            check_time()
         (a, place_a), (b, place_b) = nodes[i], nodes[j]
         one = snapshot.objects[a].body, snapshot.configurations[place_a]
         other = snapshot.objects[b].body, snapshot.configurations[place_b]
@@ -380,6 +384,7 @@ def _grow(pair: tuple[int, int], edges: Edges, nodes: list[tuple[str, str]]) -> 
 
 
 def _place(facts: Facts, members: list[tuple[str, str]], name: str, why: str) -> Refinement:
+    check_time()
     inside = set(members)
     always: dict[int, set[str]] = {0: set(), -1: set()}
     decided: dict[int, set[tuple[str, str, str]]] = {0: set(), -1: set()}

@@ -8,6 +8,7 @@ from unified_planning.shortcuts import OneshotPlanner, get_environment
 from tests.search.fleet.test_carrying import fleet as carrying
 from tests.search.fleet.test_doors_beside import halls
 from tests.search.fleet.test_drives_home import homely, site
+from tests.shuffled import shuffled
 from up_samp import Fleet
 from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.io.plan_dict import plan_to_dict
@@ -58,7 +59,7 @@ EACH = [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name i
 @pytest.mark.parametrize("name", EACH)
 def test_a_plan_that_holds_is_kept_as_it_is_driven(name, tmp_path, rounds):
     """All of it listed in any order."""
-    problem = DRAWN[name](tmp_path)
+    problem = shuffled(DRAWN[name](tmp_path), 3, rename=False).problem
     plan, makespan = solved(problem, **FIRST)
     assert len(rounds) == 1
     again, same = solved(problem, plan, **LARGE, seed=5)
@@ -76,6 +77,7 @@ def test_tours_of_several_loads_at_once_may_be_decided_anew(tmp_path):
 def test_a_better_plan_is_sought_from_there(seed):
     """By counted work: what ends the search is no clock."""
     problem = warehouse(3, 6, encoding="compact", seed=seed)
+    problem = shuffled(problem, seed, rename=False).problem
     plan, makespan = solved(problem, **FIRST, seed=seed)
     more = {**LARGE, "optimal": True, "reproducible": True, "runtime": 2.0}
     found = [solved(problem, plan, **more, seed=7) for _ in range(2)]

@@ -113,7 +113,7 @@ def assign(
     return mended(exchanged(found, rng, deadline), rng, deadline, rounds)
 
 
-def made_by(
+def share_of_plan(
     plan: CandidateSchedule, rehearsal: AssignmentEvaluator, deadline: Deadline, tuning: Tuning
 ) -> Assignment:
     """Return the share of the jobs that a plan has made; those of which it knows nothing are given

@@ -40,7 +40,7 @@ from up_samp.search.fleet.assignment import (
     assign,
     decided_by,
     in_stated_order,
-    made_by,
+    share_of_plan,
     state_order,
 )
 from up_samp.search.fleet.duties import duties_of
@@ -148,7 +148,7 @@ def solve_large(
             if not optimal:
                 return conclude(search)
         yield from improve(search, large, found[1])
-        search.start = None
+        search.start = None  # better plans are known
     if search.bounds.met or search.budget.deadline.expired():
         return conclude(search)
     if search.stopped:
@@ -186,7 +186,7 @@ def deals_of(search: Search, large: LargeProblem, deadline: Deadline) -> Iterato
     if search.start is not None:
         rehearsal = AssignmentEvaluator(guess, large.jobs, rules)
         soon = deadline.within(_DEALING * deadline.remaining())
-        share = made_by(search.start, rehearsal, soon, large.tuning)
+        share = share_of_plan(search.start, rehearsal, soon, large.tuning)
         yield in_stated_order(share, earlier, large.jobs.crews)
     for number in range(large.tuning.deals):
         # who was late was guessed to be too quick
