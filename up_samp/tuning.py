@@ -59,7 +59,7 @@ class Tuning:
         2000, "changes a job", "of annealing over who does what", _FLEET, least=0
     )
     cold: float = tunable(
-        0.0003,
+        0.001,
         "share",
         "of all cost, by which a change may be worse in the end",
         _FLEET,

@@ -176,7 +176,7 @@ def annealed(large: LargeProblem, evaluator: AssignmentEvaluator, seconds: float
     while not deadline.expired():
         ends = found.rehearsal.ends(found.tours).values()
         best = min(best, max(end for end, _ in ends))
-        found = exchanged(found, rng, deadline, share=rng.choice((0.1, 0.1, 0.1, 1.0)))
+        found = exchanged(found, rng, deadline, share=0.3, warmth=0.1, another=True)
     return best
 
 

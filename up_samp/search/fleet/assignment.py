@@ -186,13 +186,14 @@ def exchanged(
     """
     tuning, rehearsal = found.tuning, found.rehearsal
     # so that it is worth as many seconds whatever the power of ends that counts
-    hot = _WARM * rehearsal.rules.steep / CostWeights().steep
-    warm = tuning.cold + (hot - tuning.cold) * warmth
+    steeper = rehearsal.rules.steep / CostWeights().steep
+    cold = tuning.cold * steeper
+    warm = cold + (_WARM * steeper - cold) * warmth
     tries = math.ceil(tuning.exchanges * len(found.jobs.options) * share)
     now, best = rehearsal.shares(found.tours), rehearsal.shares(found.tours)
     heats = np.zeros(tries)
     if warm > 0.0:
-        heats = warm * (tuning.cold / warm) ** (np.arange(tries) / max(tries, 1))
+        heats = warm * (cold / warm) ** (np.arange(tries) / max(tries, 1))
     chance = np.random.default_rng(rng.getrandbits(64))
     parts = np.array_split(heats, math.ceil(tries / _AT_ONCE) or 1)
     for number, some in enumerate(parts):

@@ -12,6 +12,11 @@ import numpy as np
 from up_samp.geometry.records import inner, kernel, lean_inner
 from up_samp.model.arrays import FloatArray, IntArray
 
+_ENDS, _WHOLE = 0.3, 0.3
+"""Share of the changes by which two robots exchange the ends of their tours, and of these the share
+in which they exchange all.
+"""
+
 
 class BatteryTables(NamedTuple):
     """What robots' batteries hold: ``level`` at first (``inf``: they never run out), ``full``
@@ -363,14 +368,17 @@ def _drawn(draw: float, many: int) -> int:
 
 @inner
 def _change(work: WorkTables, shares: TourArrays, draws: FloatArray) -> tuple[int, int]:
-    """Let a random job be done at another time, by another, or for another; return by whose tours
-    that is (the same twice: one; negative: nothing was changed).
+    """Let a random job be done at another time, by another, or for another, or two robots exchange
+    all that they do from some job on; return whose tours that changes (the same twice: one;
+    negative: nothing was changed).
     """
     tours, counts = shares.tours, shares.counts
     full = np.nonzero(counts > 0)[0]
     if len(full) == 0:
         return -1, -1
     one = full[_drawn(draws[0], len(full))]
+    if draws[9] < _ENDS:
+        return _ends_exchanged(work, shares, one, draws)
     step = tours[one, _drawn(draws[1], counts[one])]
     job = work.of[step]
     option = work.first[job] + _drawn(draws[2], work.first[job + 1] - work.first[job])
@@ -396,6 +404,44 @@ def _change(work: WorkTables, shares: TourArrays, draws: FloatArray) -> tuple[in
     return one, other
 
 
+@inner
+def _ends_exchanged(
+    work: WorkTables, shares: TourArrays, one: int, draws: FloatArray
+) -> tuple[int, int]:
+    """Let a robot and a random other one exchange the ends of their tours (2-opt* of vehicle
+    routing; Potvin and Rousseau 1995), or all of them; return both (negative: nothing was changed,
+    as somebody cannot do a job of the other one's).
+    """
+    tours, counts = shares.tours, shares.counts
+    other = _drawn(draws[1], len(counts))
+    whole = draws[4] < _WHOLE
+    first = 0 if whole else _drawn(draws[2], counts[one] + 1)
+    second = 0 if whole else _drawn(draws[3], counts[other] + 1)
+    mine = _as_done_by(work, other, tours[one, first : counts[one]])
+    theirs = _as_done_by(work, one, tours[other, second : counts[other]])
+    alike = one == other or len(mine) + len(theirs) == 0
+    if alike or np.any(mine < 0) or np.any(theirs < 0):
+        return -1, -1
+    counts[one], counts[other] = first + len(theirs), second + len(mine)
+    tours[one, first : counts[one]] = theirs
+    tours[other, second : counts[other]] = mine
+    return one, other
+
+
+@inner
+def _as_done_by(work: WorkTables, robot: int, tour: IntArray) -> IntArray:
+    """Return the options by which a robot does what others do by those of a ``tour``, ending where
+    they end (-1: there is none).
+    """
+    found = np.full(len(tour), -1)
+    for number in range(len(tour)):
+        job = work.of[tour[number]]
+        for o in range(work.first[job], work.first[job + 1]):
+            if work.robot[o] == robot and work.exit[o] == work.exit[tour[number]]:
+                found[number] = o
+    return found
+
+
 @kernel
 def length_of(ends: FloatArray, rules: CostWeights) -> float:
     """Return how long (s) a share of all jobs takes, as it is annealed: hardly more than its
@@ -407,8 +453,8 @@ def length_of(ends: FloatArray, rules: CostWeights) -> float:
 
 
 def drawn(chance: np.random.Generator, tries: int) -> FloatArray:
-    """Return the random numbers in [0, 1) that some tries of annealing need (tries, 9)."""
-    return chance.random((tries, 9))
+    """Return the random numbers in [0, 1) that some tries of annealing need (tries, 10)."""
+    return chance.random((tries, 10))
 
 
 @kernel

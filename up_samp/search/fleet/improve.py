@@ -51,16 +51,17 @@ _STUCK_SOONER = 20.0
 _ORDERS = 12
 """Of the robots, for whole tours; who finds no tour goes first in the next one."""
 # better tours
-_WARMTHS = 1.0, 0.1, 0.01
-"""Of the annealing of shares of the jobs, as a share of the usual warmth, of which the best one is
-tried: others than all before, and others near the best one."""
+_WARMTHS = 0.3, 0.1, 0.1, 0.1, 0.1
+"""Of the annealing of shares of the jobs, one after the other, as a share of the usual warmth; the
+best one of them is tried."""
 _LOOKS = 3
-"""Times that such shares are looked for at once, as long as none is expected to be done as soon."""
+"""Times that such shares are looked for, as long as none is expected to be done as soon as the best
+tours."""
 _STEEP = 60.0
 """Power of a tour's end that counts in those: hardly any but the last one does."""
-_LONGER, _PASSES = 4, 3
-"""Units by which the tours of another share may be longer at first, so that motions look for ways
-past each other, so many times.
+_LONGER = 4, 2, 1, 0
+"""Units by which the tours of another share may be longer at first, and each time that motions have
+looked for ways past each other.
 """
 
 
@@ -312,16 +313,14 @@ def deal_again(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
 
 def _at_once(search: FleetLNS, tours: TourPlanner, deadline: Deadline) -> FleetSolution | None:
     """Return tours of another share, decided at once, again with ways of motions past each other as
-    long as they are longer than the best ones.
+    long as they are longer than the best ones; None where they stay much longer.
     """
-    found = tours.coordinated({}, search.makespan + _LONGER, deadline)
-    for _ in range(_PASSES):
+    limit = search.makespan
+    found = tours.coordinated({}, limit + _LONGER[0], deadline)
+    for longer in _LONGER[1:]:
         if found is None or search.cost(found) <= search.cost(search.best):
             break
-        again = tours.past_each_other(found, found.lean().makespan, deadline)
-        if again is None:
-            break
-        found = again
+        found = tours.past_each_other(found, limit + longer, deadline)
     return found
 
 
@@ -329,38 +328,37 @@ def _promising(
     search: FleetLNS, expected: AssignmentEvaluator, deadline: Deadline
 ) -> Assignment | None:
     """Return the best by what is ``expected`` of some shares of the jobs that were not tried yet,
-    if any; if that is more than the best tours take, they are looked for again from there.
+    each near the one before; None where none are found.
     """
-    limit = search.makespan * search.dealt.guess.snapshot.seconds_per_unit
-    best, found = search.dealt, list[Assignment]()
+    share, found = search.dealt, list[Assignment]()
     for _ in range(_LOOKS):
-        found += _others(search, best, expected, deadline)
-        if not found:
-            return None
-        usual = expected.rules._replace(handover=_usual(best.guess, expected.rules))
+        for warmth in _WARMTHS:
+            share = _other(share, expected, search.rng, warmth, deadline)
+            if share.tours not in search.tried:
+                found.append(share)
+        usual = expected.rules._replace(handover=_usual(share.guess, expected.rules))
         rehearsal = replace(expected, rules=usual)
-        lengths = [rehearsal.length(share.tours) for share in found]
-        best = found[lengths.index(min(lengths))]
-        if min(lengths) <= limit:
+        best = min(found, key=lambda share: rehearsal.length(share.tours), default=None)
+        soon = rehearsal.length(search.dealt.tours)
+        if best is None or deadline.expired() or rehearsal.length(best.tours) < soon:
             break
     return best
 
 
-def _others(
-    search: FleetLNS, start: Assignment, expected: AssignmentEvaluator, deadline: Deadline
-) -> list[Assignment]:
-    """Return other shares of the jobs, near one, that were not tried yet."""
-    rng, known, found = search.rng, start.guess.handovers, []
-    for warmth in _WARMTHS:
-        # those that are not known may be as short as any: so some of them are looked at
-        least, usual = min(known.values(), default=0.0), _usual(start.guess, expected.rules)
-        rules = expected.rules._replace(handover=rng.uniform(least, 2 * usual - least))
-        asked = replace(start, rehearsal=replace(expected, rules=rules))
-        other = exchanged(asked, rng, deadline, warmth=warmth, another=True)
-        share = mended(other, rng, deadline)
-        if share.tours not in search.tried:
-            found.append(share)
-    return found
+def _other(
+    share: Assignment,
+    expected: AssignmentEvaluator,
+    rng: random.Random,
+    warmth: float,
+    deadline: Deadline,
+) -> Assignment:
+    """Return another share of the jobs near one, by what is ``expected`` of them."""
+    # handovers that are not known may be as short as any: so some of them are looked at
+    known = share.guess.handovers
+    least, usual = min(known.values(), default=0.0), _usual(share.guess, expected.rules)
+    rules = expected.rules._replace(handover=rng.uniform(least, 2 * usual - least))
+    asked = replace(share, rehearsal=replace(expected, rules=rules))
+    return mended(exchanged(asked, rng, deadline, warmth=warmth, another=True), rng, deadline)
 
 
 def _usual(guess: TravelTimeModel, rules: CostWeights) -> float:

@@ -1,0 +1,89 @@
+"""Annealing of shares of the jobs: what changes leave as it was, and the exchange of ends against
+the same by hand."""
+
+import random
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from tests.search.fleet.guesses import dealt_out
+from up_samp.benchmarks.builders.warehouse import warehouse
+from up_samp.search.fleet.evaluator_kernel import anneal, drawn
+from up_samp.search.fleet.jobs import Jobs, find_jobs
+from up_samp.upio import read_problem
+
+
+@pytest.fixture(scope="module")
+def read():
+    problem = warehouse(6, 18, encoding="compact")
+    snapshot = read_problem(problem)
+    return find_jobs(problem, snapshot), snapshot
+
+
+def shuffled(jobs, rng):
+    """Return jobs and their options in any order, some of which not everybody can do."""
+    some = [list(options) for options in jobs.options]
+    rng.shuffle(some)
+    for options in some:
+        rng.shuffle(options)
+        if rng.random() < 0.2:
+            del options[max(2, rng.randrange(len(options))) :]
+    return Jobs(tuple(map(tuple, some)), jobs.needs)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_each_job_is_done_once_by_who_can(read, seed):
+    jobs, snapshot = read
+    rng = random.Random(seed)
+    dealt = dealt_out(shuffled(jobs, rng), snapshot, seed=seed, exchanges=0)
+    rehearsal, chance = dealt.rehearsal, np.random.default_rng(seed)
+    now, best = rehearsal.shares(dealt.tours), rehearsal.shares(dealt.tours)
+    for warm in np.linspace(1.0, 0.0, 20):
+        anneal(rehearsal.work(), rehearsal.rules, now, best, drawn(chance, 50), np.full(50, warm))
+        for tours in (rehearsal.tours(now), rehearsal.tours(best)):
+            assert Counter(j for tour in tours.values() for j, _ in tour) == Counter(
+                range(len(jobs.options))
+            )
+            for robot, tour in tours.items():
+                assert {dealt.jobs.options[j][k].robot for j, k in tour} <= {robot}
+    assert rehearsal.length(rehearsal.tours(best)) <= rehearsal.length(dealt.tours)
+    assert rehearsal.tours(best) != dealt.tours
+
+
+def as_done_by(options, robot, tour):
+    """Return how a robot does the jobs of a tour, ending where they end; None where it cannot."""
+    found = []
+    for j, k in tour:
+        alike = [n for n, o in enumerate(options[j]) if o.robot == robot]
+        alike = [n for n in alike if options[j][n].exit == options[j][k].exit]
+        if not alike:
+            return None
+        found.append((j, alike[-1]))
+    return found
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_two_robots_exchange_what_they_do_from_some_job_on(read, seed):
+    jobs, snapshot = read
+    rng = random.Random(seed)
+    dealt = dealt_out(shuffled(jobs, rng), snapshot, seed=seed, exchanges=0)
+    rehearsal, options, told = dealt.rehearsal, dealt.jobs.options, Counter()
+    robots = rehearsal.robots
+    full = [r for r in rehearsal.robots if dealt.tours[r]]
+    for number in range(400):
+        draws, whole = np.array([rng.random() for _ in range(10)]), number % 4 == 0
+        draws[[4, 9]] = (0.0 if whole else 0.99), 0.0
+        now, best = rehearsal.shares(dealt.tours), rehearsal.shares(dealt.tours)
+        # whatever comes of it is accepted
+        anneal(rehearsal.work(), rehearsal.rules, now, best, draws[None], np.full(1, np.inf))
+        a, b = full[int(draws[0] * len(full))], rehearsal.robots[int(draws[1] * len(robots))]
+        mine, theirs = dealt.tours[a], dealt.tours[b]
+        i = 0 if whole else int(draws[2] * (len(mine) + 1))
+        j = 0 if whole else int(draws[3] * (len(theirs) + 1))
+        later, sooner = as_done_by(options, a, theirs[j:]), as_done_by(options, b, mine[i:])
+        can = a != b and later is not None and sooner is not None
+        expected = {a: mine[:i] + later, b: theirs[:j] + sooner} if can else {}
+        assert rehearsal.tours(now) == {**dealt.tours, **expected}
+        told[can, whole] += 1
+    assert min(told[True, True], told[True, False], told[False, True], told[False, False]) > 5
