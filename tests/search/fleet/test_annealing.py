@@ -87,3 +87,25 @@ def test_two_robots_exchange_what_they_do_from_some_job_on(read, seed):
         assert rehearsal.tours(now) == {**dealt.tours, **expected}
         told[can, whole] += 1
     assert min(told[True, True], told[True, False], told[False, True], told[False, False]) > 5
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_accepted_costs_what_it_costs(read, seed):
+    """Changes are refused by what their tours cost alone: that is never more than they cost."""
+    jobs, snapshot = read
+    dealt = dealt_out(shuffled(jobs, random.Random(seed)), snapshot, seed=seed, exchanges=0)
+    rehearsal, chance = dealt.rehearsal, np.random.default_rng(seed)
+    now, best = rehearsal.shares(dealt.tours), rehearsal.shares(dealt.tours)
+    accepted = 0
+    for draws in drawn(chance, 1000):
+        before = rehearsal.tours(now)
+        free, any_best = rehearsal.shares(before), rehearsal.shares(before)
+        one = draws[None], np.full(1, np.inf)  # the same change, whatever it costs
+        anneal(rehearsal.work(), rehearsal.rules, free, any_best, *one)
+        anneal(rehearsal.work(), rehearsal.rules, now, best, draws[None], np.zeros(1))
+        told = [rehearsal.tours(share) for share in (free, now)]
+        no_worse = rehearsal.length(told[0]) <= rehearsal.length(before) * (1 - 1e-12)
+        worse = rehearsal.length(told[0]) > rehearsal.length(before) * (1 + 1e-12)
+        assert told[1] == (told[0] if no_worse else before) or not (worse or no_worse)
+        accepted += told[1] != before
+    assert 3 < accepted < 590

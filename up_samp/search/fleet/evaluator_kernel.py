@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +11,10 @@ import numpy as np
 from up_samp.geometry.records import inner, kernel, lean_inner
 from up_samp.model.arrays import FloatArray, IntArray
 
+_BELOW = 1.0 - 1e-9
+"""So much less than it is found to take alone a tour takes at least: numbers are rounded."""
+_LEAST_DRAW = 1e-300
+"""Random numbers are taken to be no less: they have logarithms."""
 _ENDS, _WHOLE = 0.3, 0.3
 """Share of the changes by which two robots exchange the ends of their tours, and of these the share
 in which they exchange all.
@@ -301,6 +304,14 @@ def _weight(ends: FloatArray, rules: CostWeights, unit: float) -> float:
 
 
 @inner
+def _least(work: WorkTables, rules: CostWeights, shares: TourArrays, r: int, unit: float) -> float:
+    """Return what a robot's tour costs at least, however long it waits for others."""
+    end = _alone(work, rules, r, shares.tours[r], shares.counts[r])
+    least: float = (_BELOW * end / unit) ** rules.steep
+    return least
+
+
+@inner
 def _alone(work: WorkTables, rules: CostWeights, r: int, tour: IntArray, count: int) -> float:
     """Return when a robot would have done a tour without others; what is late counts more."""
     time, late, saved = 0.0, 0.0, 0.0
@@ -480,10 +491,12 @@ def anneal(
         one, other = _change(work, now, draws[number])
         if one < 0:
             continue
-        then = _weight(ends_of(work, rules, now, places), rules, unit)
-        heat = heats[number] * total
-        worse = then > total
-        if worse and (heat <= 0.0 or draws[number, 8] >= math.exp((total - then) / heat)):
+        # costs that are accepted by chance; often the changed tours alone cost more
+        most = total - heats[number] * total * np.log(max(draws[number, 8], _LEAST_DRAW))
+        then = max(_least(work, rules, now, one, unit), _least(work, rules, now, other, unit))
+        if then <= most:
+            then = _weight(ends_of(work, rules, now, places), rules, unit)
+        if then > most:
             _copy_rows(old, now, one, other)
             continue
         _copy_rows(now, old, one, other)
