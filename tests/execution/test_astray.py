@@ -255,6 +255,9 @@ def test_who_tells_what_cannot_be_at_its_end_is_not_done(executor):
     assert executor.phase(FIRST).value == "running"
     executor.update("r0", progress=7.97, now=now + 30.0)
     executor.commands(now + 32.0)
+    assert executor.phase(FIRST).value == "running"  # it may have been stopped before its end
+    assert executor.done(FIRST, now + 32.0, "r1").heard is Heard.IGNORED
+    assert executor.done(FIRST, now + 32.0, "r0").heard is Heard.TAKEN
     assert executor.phase(FIRST).value == "done"
 
 

@@ -174,26 +174,20 @@ def test_what_says_nothing_is_ignored(executor):
         Executor(executor.plan, executor.problem, localisation=-1)
 
 
-def test_a_motion_is_over_when_its_robot_is_at_the_end_and_stands(crossed):
+@pytest.mark.parametrize(("told", "over"), [(7.955, True), (7.9, False)])
+def test_a_motion_is_over_when_its_robot_says_that_it_is_at_the_end(crossed, told, over):
     problem, plan, found = crossed
-    for said in (True, False):
-        executor = Executor(plan, problem, dependencies=found)
-        executor.commands(0.0)
-        now, _ = drive(executor, "r0", 7.7, 0.0)
-        assert executor.done(FIRST, now).heard is Heard.AGAIN
-        now, _ = drive(executor, "r0", 7.955, now)  # 4.5 cm short, and it tells no more
-        assert executor.phase(FIRST).value == "running"
-        if said:
-            assert executor.done(FIRST, now) == TAKEN
-        for k in range(20):
-            executor.update("r0", progress=7.955 - 0.03 * (k % 2), now=now + 0.1 * k)
-            executor.commands(now + 0.1 * k)
-        assert executor.phase(FIRST).value == "done"
     executor = Executor(plan, problem, dependencies=found)
     executor.commands(0.0)
-    now, _ = drive(executor, "r0", 7.9, 0.0)  # too far from its end to be there
-    executor.commands(now + 50.0)
+    now, _ = drive(executor, "r0", 7.7, 0.0)
+    assert executor.done(FIRST, now).heard is Heard.AGAIN
+    now, _ = drive(executor, "r0", told, now)  # 8 m are its end, and it tells no more
+    for k in range(40):
+        executor.update("r0", progress=told - 0.03 * (k % 2), now=now + 0.1 * k)
+        executor.commands(now + 0.1 * k)
     assert executor.phase(FIRST).value == "running"
+    assert (executor.done(FIRST, now + 4.0) == TAKEN) is over
+    assert (executor.phase(FIRST).value == "done") is over
 
 
 def test_nonsense_of_all_kinds_ends_nothing(yaml):
@@ -300,8 +294,8 @@ class Both:
     def update(self, robot, **told):
         return self._same("update", robot, **told)
 
-    def done(self, activity, now):
-        return self._same("done", activity, now)
+    def done(self, *told):
+        return self._same("done", *told)
 
 
 def half_done(yaml, seed, ticks, **wrong):

@@ -56,7 +56,7 @@ class WiredFloor(Floor):
         if isinstance(tell, tuple):
             self.executive.done(*tell)
         elif tell.done:
-            self.executive.done(tell.activity, tell.time)
+            self.executive.done(tell.activity, tell.time, tell.robot)
         else:
             told = {"progress": tell.progress, "motion": tell.activity, "now": tell.time}
             self.executive.update(tell.robot, **told)

@@ -516,8 +516,9 @@ class Executor(Followed):
         frame = self.drives[way.activity, way.object].frame
         return Strayed(frame.of(pose), place.off, self.now)
 
-    def done(self, activity: str, now: float | None = None) -> Reply:
-        """Note that a task that drives nothing is over, or that a motion's robots are at its end.
+    def done(self, activity: str, now: float | None = None, robot: str | None = None) -> Reply:
+        """Note that a task that drives nothing is over, or that a motion's robots (of several that
+        drive together just ``robot``, if said) are at its end.
 
         A motion is over only if what its robots told last says so, too.
         """
@@ -533,21 +534,29 @@ class Executor(Followed):
             return Reply(Heard.AGAIN, f"'{activity}' cannot be over: it has not begun")
         end = state.end_number[activity]
         if state.graph.tasks[activity].moves:
-            for way in state.ways_of[activity]:
-                way.at_end = True
-            self._finish_motion(activity)
-            if state.phase[activity] is TaskPhase.DONE:
-                return TAKEN
-            held = [w.object for w in state.ways_of[activity] if w.object in self._held]
-            if not held and all(state.arrived(w) for w in state.ways_of[activity]):
-                return self._not_yet(activity)
-            for way in state.ways_of[activity]:
-                way.at_end = False
-            return Reply(Heard.AGAIN, f"'{activity}' cannot be over: its motion is not at its end")
+            return self._at_end(activity, robot)
         if not state.open(end):
             return self._not_yet(activity)
         self._end(activity)
         return TAKEN
+
+    def _at_end(self, activity: str, robot: str | None) -> Reply:
+        """Note that some of a motion's robots say that they are at its end."""
+        ways = self.state.ways_of[activity]
+        told = [w for w in ways if robot in (None, w.object)]
+        if not told:
+            return Reply(Heard.IGNORED, f"'{robot}' drives nothing in '{activity}'")
+        for way in told:
+            way.at_end = True
+        self._finish_motion(activity)
+        if self.state.phase[activity] is TaskPhase.DONE:
+            return TAKEN
+        short = [w for w in ways if w.object in self._held or not self.state.arrived(w)]
+        if not any(w in short for w in told):
+            return TAKEN if short else self._not_yet(activity)
+        for way in told:
+            way.at_end = False
+        return Reply(Heard.AGAIN, f"'{activity}' cannot be over: its motion is not at its end")
 
     def _not_yet(self, activity: str) -> Reply:
         waits = ", ".join(self._missing(self.state.end_number[activity]))

@@ -92,7 +92,7 @@ class Luck:
 
     And how wrong its reports are: ``bias`` (m, told minus true progress), ``noise`` (m, drawn from
     [-noise, noise] by a generator of ``seed``) and ``lag`` (s). A ``tracked`` robot drives by the
-    truth, and others tell where it is; a ``silent`` one does not say that it has come to its end.
+    truth, and others tell where it is.
     """
 
     pace: float = 1.0
@@ -102,7 +102,6 @@ class Luck:
     noise: float = 0.0
     lag: float = 0.0
     tracked: bool = False
-    silent: bool = False
     seed: str = ""
 
 
@@ -132,9 +131,9 @@ def luck_of(
     stops = tuple(_stops(delays, rng, seconds))
     rng = random.Random(f"senses {robot} {seed}")
     bias = rng.choice((-1.0, 1.0)) * delays.bias * rng.choice((1.0, 1.0, rng.random()))
-    tracked, silent = rng.random() < 0.5, rng.random() < 0.5
+    tracked = rng.random() < 0.5
     told = f"noise {robot} {seed}"
-    return Luck(pace, stops, halt, bias, delays.noise, delays.lag, tracked, silent, told)
+    return Luck(pace, stops, halt, bias, delays.noise, delays.lag, tracked, told)
 
 
 def lateness(delays: Delays, task: str, seed: int) -> float:
@@ -405,7 +404,7 @@ class SimulatedFloor:
         progress = robot.told(now)
         if progress is not None:
             yield Report(robot.name, now, robot.motion, progress)
-        if robot.arrived and not robot.luck.silent:
+        if robot.arrived:
             yield Report(robot.name, now, robot.motion, done=True)
 
     def done(self, now: float) -> list[str]:

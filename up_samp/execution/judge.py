@@ -267,7 +267,7 @@ def _known_ends(
     dependencies: Dependencies, samples: Mapping[tuple[str, str], np.ndarray]
 ) -> dict[tuple[str, str], np.ndarray]:
     """Return where motions end that are over as their robots are known to be there, which may be
-    wrong by twice the localisation error along their paths: such a robot counts as there.
+    wrong by the localisation error along their paths: such a robot counts as there.
     """
     drives = drives_of(dependencies.lives)
     found = {}
@@ -276,7 +276,7 @@ def _known_ends(
         if key not in drives or not error:
             continue
         path = drives[key].path
-        least = max(0.0, path.length - 2 * error)
+        least = max(0.0, path.length - error - TOLERANCES.progress)
         last = path.poses_at(np.linspace(least, path.length, 101))
         last = drives[key].frame.inverse.out(last)
         apart = np.abs(last - rows[-1, 1:]).max(axis=1).min()

@@ -141,7 +141,7 @@ class Floor(SimulatedFloor):
         for report in self.told_by(robot, self.now):
             name, at = report.activity, report.progress
             if report.done:
-                self.executive.done(name, self.now)
+                self.executive.done(name, self.now, robot.name)
             else:
                 self.executive.update(robot.name, progress=at, motion=name, now=self.now)
 

@@ -421,14 +421,14 @@ class FloorState:
 
     def arrived(self, way: MotionUnderWay) -> bool:
         """Return whether a motion is at its end: its robot tells so much, or tells no less than
-        the error allows of one that is there, and says that it is, or stands.
+        the error allows of one that is there, and says that it is. (One that tells as much and no
+        more may stand twice the error before it, and others may be let in there.)
         """
         if self.closed(way) is not None:
             return False
         if way.progress >= way.length - self.tolerance:
             return True
-        near = way.progress >= way.length - way.error - self.tolerance
-        return near and (way.at_end or self.now >= way.since + TOLERANCES.settled)
+        return way.at_end and way.progress >= way.length - way.error - self.tolerance
 
     def finish(self, way: MotionUnderWay) -> None:
         """Note that a motion is at its end: all of its points have been come to, and left."""

@@ -455,7 +455,7 @@ class Operation(Day):
             return  # of what was ended by hand
         at = report.time - self.origin
         if report.done:
-            reply = executor.done(report.activity, at)
+            reply = executor.done(report.activity, at, name)
             if reply.heard is Heard.AGAIN and name not in self.off_plan():
                 self._fell_short(report)
             return

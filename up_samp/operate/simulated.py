@@ -161,7 +161,7 @@ def _luck(delays: Delays, robot: str, seed: int, senses: Mapping[str, float]) ->
     """Return what goes wrong with a robot, which may be as wrong and as late as it says."""
     found = luck_of(delays, robot, seed, 12 * 3600.0)
     noise, lag = senses.get("localisation", found.noise), senses.get("latency", found.lag)
-    return replace(found, noise=noise, lag=lag, silent=False)
+    return replace(found, noise=noise, lag=lag)
 
 
 class SteppedClock:
