@@ -47,7 +47,7 @@ def solved(fleet):
     return result
 
 
-@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("order", [1, pytest.param(-1, marks=pytest.mark.long)])
 def test_plans_keep_them_and_plans_without_them_are_refused(tmp_path, order):
     fleet = hall(tmp_path, order=order, **LIMITS)
     result = solved(fleet)

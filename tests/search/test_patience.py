@@ -19,6 +19,12 @@ from up_samp.search.params import Parameters
 from up_samp.validation import validate_plan
 
 
+@pytest.fixture(autouse=True)
+def patience_as_it_is(monkeypatch):
+    """What is tested here, other tests spare."""
+    monkeypatch.setattr("up_samp.search.budget._PATIENCE", 1.0)
+
+
 def budget(total=100.0, **settings):
     return Budget(Deadline.counted(total), 10.0, **settings)
 
