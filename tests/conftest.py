@@ -68,8 +68,10 @@ def unexplained(monkeypatch):
         monkeypatch.setattr(proof, most, 0)
 
 
-@pytest.fixture(autouse=True)
-def patience_ends_soon(monkeypatch):
+@pytest.fixture(autouse=True, scope="session")
+def patience_ends_soon():
     """Spare the time in which plans of tests that look at something else might get better."""
-    monkeypatch.setitem(budget.PARTS, "patience", (0.0, 0.0))
-    monkeypatch.setattr(budget, "_PATIENCE", 0.1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(budget.PARTS, "patience", (0.0, 0.0))
+        patch.setattr(budget, "_PATIENCE", 0.1)
+        yield
