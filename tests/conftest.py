@@ -24,6 +24,10 @@ def pytest_collection_finish():
     gc.freeze()
 
 
+def pytest_unconfigure():
+    gc.unfreeze()  # libraries say what is left at the end
+
+
 def pytest_collection_modifyitems(config, items):
     if config.getoption("--long"):
         return
