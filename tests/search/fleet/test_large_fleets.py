@@ -95,7 +95,7 @@ def test_a_fleets_problem_file_is_dealt_out_too():
 
 def test_plans_of_large_fleets_get_better(monkeypatch):
     get_environment().credits_stream = None
-    problem = warehouse(2, 5, encoding="compact")
+    problem = warehouse(2, 4, encoding="compact")
     # a first plan that leaves something to be done better: a poor share, whole tours, best ways
     monkeypatch.setattr(tours, "_PAST", 0)
     tuning = {"large": 1, "stale": 30, "exchanges": 0}
