@@ -8,14 +8,24 @@ from up_samp.search import budget, proof
 
 
 def pytest_configure(config):
-    # looking for garbage so seldom takes 6 % off the time of all tests
-    gc.set_threshold(20_000, 25, 25)
+    # looking for garbage so seldom takes 6 % and more off the time of all tests
+    gc.set_threshold(100_000, 25, 25)
     # nobody reads them; for whom they are is looked up in the whole stack for each planner
     Factory._print_credits = lambda *_: None
 
 
 def pytest_addoption(parser):
     parser.addoption("--long", action="store_true", help="run the slow tests too")
+
+
+def pytest_collection_finish():
+    # what is imported stays: nobody has to look through it for garbage again and again
+    gc.collect()
+    gc.freeze()
+
+
+def pytest_unconfigure():
+    gc.unfreeze()  # libraries say what is left at the end
 
 
 def pytest_collection_modifyitems(config, items):
@@ -62,7 +72,10 @@ def unexplained(monkeypatch):
         monkeypatch.setattr(proof, most, 0)
 
 
-@pytest.fixture(autouse=True)
-def patience_ends_soon(monkeypatch):
+@pytest.fixture(autouse=True, scope="session")
+def patience_ends_soon():
     """Spare the time in which plans of tests that look at something else might get better."""
-    monkeypatch.setitem(budget.PARTS, "patience", (0.0, 0.0))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(budget.PARTS, "patience", (0.0, 0.0))
+        patch.setattr(budget, "_PATIENCE", 0.1)
+        yield

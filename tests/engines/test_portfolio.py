@@ -193,7 +193,7 @@ def two_workers():
     ("size", "seed", "seconds", "tuning"),
     [
         # too little for any plan by the first random numbers
-        ((3, 6), 0, 1.0, {"exchanges": 1}),
+        ((3, 4), 0, 0.6, {"exchanges": 1}),
         pytest.param((5, 12), 2, 2.0, {}, marks=pytest.mark.long),
     ],
     ids=["a plan", "a better plan"],

@@ -50,6 +50,13 @@ def two_at_work(folder, **options):
     return fleet
 
 
+def one_at_work(folder, **options):
+    fleet = hall(folder, **options)
+    fleet.add_robot("t", "truck", "west", end="west")
+    fleet.add_order("o", "east", "west")
+    return fleet
+
+
 def gone_back(data):
     """The metres that each robot drives against its heading."""
     found = {}
@@ -76,12 +83,16 @@ def test_two_robots_work_ahead_only_and_every_file_says_so(tmp_path):
         text = file.read_text()
         assert '"orientation"' not in text or '"orientation": 3.14' not in text
 
-    # what is allowed to back off has no larger bound, and does so
-    free = two_at_work(tmp_path)
-    other = free.solve(timeout=60, first_plan=True, query_seconds=0.15)
+
+def test_who_may_back_off_has_no_larger_bound_and_does_so(tmp_path):
+    (never, result), (_, other) = (
+        (fleet, fleet.solve(timeout=60, first_plan=True, query_seconds=0.15))
+        for fleet in (one_at_work(tmp_path, reverse="never"), one_at_work(tmp_path))
+    )
     assert other.data["lower_bound"] <= result.data["lower_bound"]
     assert any(way > 1.0 for way in gone_back(other.data).values())
-    assert not validate_plan(fleet.problem, other.plan).valid
+    assert validate_plan(never.problem, result.plan).valid
+    assert not validate_plan(never.problem, other.plan).valid
     assert all("reverse" not in o for o in other.data["objects"])
 
 

@@ -128,7 +128,7 @@ def ends_of(result, *orders):
     return {kind: [found[order, kind] for order in orders] for kind in ENDS}
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2))])
 def test_two_robots_take_a_load_up_and_put_it_down_together(tmp_path, seed):
     fleet = beam()
     fleet.add_order("box", "a", "c")

@@ -65,13 +65,22 @@ def straight(plan, name, trajectory, reach):
     return rows
 
 
-@pytest.mark.parametrize("model", MODELS)
-def test_drives_to_docks_end_straight(tmp_path, model):
-    result = site(tmp_path, np.random.default_rng(len(model)), model).solve(
-        timeout=60, first_plan=True
-    )
+def planned(folder, seed, model):
+    result = site(folder, np.random.default_rng(seed), model).solve(timeout=60, first_plan=True)
     assert result.plan is not None
     assert validate_plan(result.problem, result.plan).valid
+    return result
+
+
+@pytest.fixture(scope="module")
+def docked(tmp_path_factory):
+    """The plan of differential drives."""
+    return planned(tmp_path_factory.mktemp("docked"), 3, "diff")
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_drives_to_docks_end_straight(tmp_path, docked, model):
+    result = docked if model == "diff" else planned(tmp_path, len(model), model)
     docked = 0
     for name, trajectory in result.plan.trajectories.items():
         place = next((p for p in ("rack", "bay") if name.endswith(f"_to_{p}")), None)
@@ -93,9 +102,9 @@ def test_drives_to_docks_end_straight(tmp_path, model):
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
-def test_the_rest_of_a_drive_to_a_dock_is_planned_from_anywhere(tmp_path, seed):
+def test_the_rest_of_a_drive_to_a_dock_is_planned_from_anywhere(tmp_path, docked, seed):
     rng = np.random.default_rng(seed)
-    result = site(tmp_path, rng, "diff").solve(timeout=60, first_plan=True)
+    result = planned(tmp_path, rng, "diff") if seed else docked
     plan = result.data
     found = dependencies_of(result.problem, plan)
     for share in rng.uniform(0.05, 0.9, 1 + seed):
@@ -156,9 +165,9 @@ def test_rules_are_drawn_before_there_are_robot_types(tmp_path):
     assert len(draw_fleet(fleet.records, tmp_path).get_children()) < drawn
 
 
-def test_only_waypoints_that_lie_ahead_are_left_of_a_drive(tmp_path):
+def test_only_waypoints_that_lie_ahead_are_left_of_a_drive(docked):
     """Who stands on the straight way has its front behind it, whichever robot is asked."""
-    result = site(tmp_path, np.random.default_rng(3)).solve(timeout=60, first_plan=True)
+    result = docked
     plan = result.data
     found = dependencies_of(result.problem, plan)
     fronts = {True: 0, False: 0}

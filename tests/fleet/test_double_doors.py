@@ -97,7 +97,7 @@ def test_what_two_leaves_bar_together_is_stated_like_what_one_bars(options):
     assert stated == barred(single)
 
 
-@pytest.mark.parametrize("single", [True, False])
+@pytest.mark.parametrize("single", [pytest.param(True, marks=pytest.mark.long), False])
 def test_a_door_that_closes_takes_as_long_with_two_leaves(single):
     fleet = site(single=single, closes=8, times=2, button2=(18, 5))
     fleet.add_task("back", at="home", duration=1, after="look")

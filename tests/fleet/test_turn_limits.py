@@ -47,7 +47,7 @@ def solved(fleet):
     return result
 
 
-@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("order", [1, pytest.param(-1, marks=pytest.mark.long)])
 def test_plans_keep_them_and_plans_without_them_are_refused(tmp_path, order):
     fleet = hall(tmp_path, order=order, **LIMITS)
     result = solved(fleet)
@@ -66,7 +66,7 @@ def test_plans_keep_them_and_plans_without_them_are_refused(tmp_path, order):
     assert kinds == {"lateral-acceleration", "turn-acceleration"}
 
 
-@pytest.mark.parametrize("wide", [1.2, 2.2])
+@pytest.mark.parametrize("wide", [1.2, pytest.param(2.2, marks=pytest.mark.long)])
 def test_two_that_meet_in_an_aisle_are_timed_again_within_them(tmp_path, wide):
     half = round(5 * wide)
     aisle = [(slice(0, 45 - half), slice(60, 100)), (slice(45 + half, 90), slice(60, 100))]

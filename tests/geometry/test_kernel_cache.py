@@ -56,43 +56,82 @@ def main():
 NO_BYTECODE = {"PYTHONDONTWRITEBYTECODE": "1"}
 """Python takes a module's kept bytecode for its own while size and second of the two agree."""
 
+STEM = """
+import importlib, os, sys, traceback
+from up_samp.geometry import records  # which takes a second; nothing is compiled or loaded yet
 
-def asked(folder, step=1, extra=0):
-    """Run a kernel in a fresh process; return its value, its hits in the cache and stderr."""
-    (folder / "outer_module.py").write_text(SOURCE.format(step=step, extra=extra))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(folder)
-        done = subprocess.run(
-            child.command(child.bare("outer_module")),
-            env=child.environment({files.VARIABLE: str(folder / "cache"), **NO_BYTECODE}),
-            capture_output=True,
-            text=True,
-            timeout=600,  # who is held up would wait longer
-        )
-    assert done.returncode == 0, done.stderr
-    value, hits = done.stdout.split()
-    return float(value), int(hits), done.stderr
-
-
-@pytest.fixture
-def ask(tmp_path):
-    """Ask with nothing in the cache."""
-    return partial(asked, tmp_path)
+for folder in map(str.strip, sys.stdin):
+    branch = os.fork()
+    if branch == 0:
+        code = 1
+        try:
+            for stream, name in ((1, "out"), (2, "err")):
+                os.dup2(os.open(os.path.join(folder, name), os.O_CREAT | os.O_WRONLY), stream)
+            os.environ["{variable}"] = os.path.join(folder, "cache")
+            os.umask(int(open(os.path.join(folder, "umask")).read()))
+            sys.path.insert(0, folder)
+            importlib.import_module("outer_module").main()
+            code = 0
+        except Exception:
+            traceback.print_exc()
+        finally:
+            sys.stdout.flush()
+            os._exit(code)
+    print(os.waitpid(branch, 0)[1], flush=True)
+"""
 
 
 @pytest.fixture(scope="module")
-def compiled(tmp_path_factory):
+def stem():
+    """A process that has imported what kernels need, of which others branch off."""
+    with subprocess.Popen(
+        child.command(STEM.format(variable=files.VARIABLE)),
+        env=child.environment(NO_BYTECODE),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        yield process
+        process.stdin.close()
+
+
+def asked(stem, folder, step=1, extra=0):
+    """Run a kernel in a process that has compiled and loaded nothing yet; return its value, its
+    hits in the cache and stderr.
+    """
+    (folder / "outer_module.py").write_text(SOURCE.format(step=step, extra=extra))
+    os.umask(mask := os.umask(0))
+    (folder / "umask").write_text(str(mask))
+    for name in ("out", "err"):
+        (folder / name).write_text("")
+    stem.stdin.write(f"{folder}\n")
+    stem.stdin.flush()
+    ended = stem.stdout.readline()
+    out, said = ((folder / name).read_text() for name in ("out", "err"))
+    assert ended == "0\n", said
+    value, hits = out.split()
+    return float(value), int(hits), said
+
+
+@pytest.fixture
+def ask(stem, tmp_path):
+    """Ask with nothing in the cache."""
+    return partial(asked, stem, tmp_path)
+
+
+@pytest.fixture(scope="module")
+def compiled(stem, tmp_path_factory):
     """Return a folder whose cache has the kernels."""
     folder = tmp_path_factory.mktemp("compiled")
-    assert asked(folder)[:2] == (3.0, 0)
+    assert asked(stem, folder)[:2] == (3.0, 0)
     return folder
 
 
 @pytest.fixture
-def again(tmp_path, compiled):
+def again(stem, tmp_path, compiled):
     """Ask with the kernels in the cache."""
     shutil.copytree(compiled / "cache", tmp_path / "cache")
-    return partial(asked, tmp_path)
+    return partial(asked, stem, tmp_path)
 
 
 def test_kernels_are_found_again_and_changed_ones_are_not(again, tmp_path):

@@ -3,6 +3,7 @@ routes, lengths, doors that are needed open, places for one, tasks and who may d
 """
 
 from dataclasses import replace
+from functools import cache, partial
 
 import pytest
 
@@ -37,27 +38,31 @@ def compiled():
     precompile([MotionModel.SE2])
 
 
-def differing(site, styles, folder):
+@pytest.fixture(scope="module")
+def look(tmp_path_factory):
+    """Return what is recognised in a small site in a style, each looked at once."""
+    folder = tmp_path_factory.mktemp("small")
+    return cache(lambda family, style: structures(SMALL[family](), style, folder))
+
+
+def differing(styles, look):
     """Return the styles of one meaning in which not the same is recognised."""
     found = {}
     for style in styles:
-        seen = structures(site, style, folder)
+        seen = look(style)
         found.setdefault(style.units, {}).setdefault(seen, []).append(str(style))
     return [list(some.values()) for some in found.values() if len(some) > 1]
 
 
 @pytest.mark.parametrize("family", SMALL)
-def test_the_same_is_recognised_in_styles_that_mean_the_same(family, tmp_path):
-    assert differing(SMALL[family](), FEW + BUSY, tmp_path) == []
+def test_the_same_is_recognised_in_styles_that_mean_the_same(family, look):
+    assert differing(FEW + BUSY, partial(look, family)) == []
 
 
 @pytest.mark.parametrize("family", SMALL)
-def test_moves_whose_ends_are_both_parameters_are_recognised(family, tmp_path):
+def test_moves_whose_ends_are_both_parameters_are_recognised(family, look):
     """But that each of them keeps still the doors which it does not go through."""
-    plain, free = (
-        structures(SMALL[family](), style, tmp_path)
-        for style in (MotionStyle(), MotionStyle(moves="go"))
-    )
+    plain, free = (look(family, style) for style in (MotionStyle(), MotionStyle(moves="go")))
     same = [
         replace(some, routes=frozenset((*r[:5], *r[6:]) for r in some.routes))
         for some in (plain, free)
@@ -69,4 +74,5 @@ def test_moves_whose_ends_are_both_parameters_are_recognised(family, tmp_path):
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("family", FAMILIES)
 def test_the_same_is_recognised_in_all_styles(family, seed, tmp_path):
-    assert differing(FAMILIES[family](seed), [*ALIKE, *OTHERS], tmp_path) == []
+    site = FAMILIES[family](seed)
+    assert differing([*ALIKE, *OTHERS], lambda style: structures(site, style, tmp_path)) == []

@@ -112,7 +112,7 @@ def test_nobody_drives_through_a_door_that_is_out_of_order(tmp_path):
         day.operation.close()
 
 
-@pytest.mark.parametrize("restarted", [False, True])
+@pytest.mark.parametrize("restarted", [pytest.param(False, marks=pytest.mark.long), True])
 def test_who_is_to_drive_through_an_open_door_that_goes_out_of_order_drives_home(
     tmp_path, restarted
 ):

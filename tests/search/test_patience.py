@@ -12,11 +12,17 @@ from tests.metamorphic.motions import ALIKE, write
 from tests.metamorphic.sites import store
 from up_samp.model import Deadline, ProblemError
 from up_samp.model.deadline import computing_time
-from up_samp.search.budget import Budget, SchedulerPace
+from up_samp.search.budget import PARTS, Budget, SchedulerPace
 from up_samp.search.fleet import solve
 from up_samp.search.knowledge import History
 from up_samp.search.params import Parameters
 from up_samp.validation import validate_plan
+
+
+@pytest.fixture(autouse=True)
+def patience_as_it_is(monkeypatch):
+    """What is tested here, other tests spare."""
+    monkeypatch.setattr("up_samp.search.budget._PATIENCE", 1.0)
 
 
 def budget(total=100.0, **settings):
@@ -69,7 +75,7 @@ def test_endless_patience_changes_nothing():
 
 
 def test_patience_lasts_a_share_of_the_time_limit_at_least(monkeypatch):
-    monkeypatch.undo()
+    monkeypatch.setitem(PARTS, "patience", (0.25, 15.0))
     for limit, patience, left in (
         (40.0, 1.0, 10.0),
         (40.0, 0.5, 5.0),

@@ -16,7 +16,7 @@ def at_once(q, u, qdot):
 
 
 def beyond_a_line(q, u, qdot):
-    if q[0] > 6.0:
+    if q[0] > 4.2:
         raise RuntimeError("the model ends here")
     qdot[0], qdot[1], qdot[2] = u[0] * math.cos(q[2]), u[0] * math.sin(q[2]), u[1]
 

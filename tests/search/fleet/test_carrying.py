@@ -143,7 +143,7 @@ def test_tours_that_are_guessed_can_be_done(seed):
     assert any(value == pytest.approx(told) for value in possible)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_dealt_out_loads_are_carried_together(seed):
     """Orders from one end of the floor to the other one: a robot brings two at a time."""
     ends = []

@@ -10,9 +10,9 @@ from up_samp.geometry.maps import write_map
 from up_samp.validation import validate_plan
 
 NARROW = [(12, 5), (14, 5), (14, 9), (12, 9)]
-PLACES = {"s0": (6, 2), "s1": (6, 12), "s2": (10, 7), "t0": (20, 2), "t1": (20, 12), "t2": (23, 7)}
+PLACES = {"s0": (6, 2), "s1": (6, 12), "t0": (20, 2), "t1": (20, 12)}
 BUTTONS = {"button": (10, 10), "inner": (16, 10)}
-JOBS = [("s0", "t0"), ("s1", "t1"), ("t2", "s2"), ("s2", "t0"), ("t1", "s1")]
+JOBS = [("s0", "t0"), ("s1", "t1"), ("t1", "s1"), ("s0", "t1")]
 
 
 def halls(folder, seed, *, battery, opened_from):
@@ -24,12 +24,12 @@ def halls(folder, seed, *, battery, opened_from):
     levels = {"battery": {"capacity": 60, "per_metre": 1.0, "reserve": 3}} if battery else {}
     fleet.add_robot_type("agv", (1.0, 0.7), model="diff", capacity={"item": 2}, **levels)
     charger = {"charger": {"per_second": 2.0, "step": 10}} if battery else {}
-    homes = {f"home{i}": (1.5, 1.5 + 2 * i) for i in range(3)}
+    homes = {f"home{i}": (1.5, 1.5 + 2 * i) for i in range(2)}
     plugs = {"plug0": (1.5, 12), "plug1": (24.5, 12)}
     every = [*PLACES.items(), *homes.items(), *plugs.items(), *BUTTONS.items()]
     for name, at in rng.sample(every, len(every)):
         fleet.add_place(name, *at, **(charger if name in plugs else {}))
-    for home in rng.sample(sorted(homes), 3):
+    for home in rng.sample(sorted(homes), 2):
         fleet.add_robot(f"r_{home}", "agv", home, end=home)
     fleet.add_zone("narrow", NARROW, max_robots=2)
     fleet.add_door("gate", (0.4, 4.0), (13, 7, 0), (13, 11.2, 0), opened_from=opened_from)
@@ -51,7 +51,7 @@ EACH = [
 def test_the_first_plan_is_dealt_out(tmp_path, opened_from, battery):
     """The usual search, which finds a plan as well, takes ten times as long: it never begins."""
     fleet = halls(tmp_path, len(opened_from), battery=battery, opened_from=opened_from)
-    result = fleet.solve(timeout=300, first_plan=True)
+    result = fleet.solve(timeout=300, first_plan=True, tuning={"large": 1})
     assert result.plan is not None, result.explain()
     assert result.outcome.history.rounds == []  # found as it was dealt out
     assert validate_plan(fleet.problem, result.plan).valid

@@ -82,9 +82,9 @@ def test_a_fleet_gets_a_valid_plan_by_construction(robots, orders):
 
 def test_a_fleets_problem_file_is_dealt_out_too():
     get_environment().credits_stream = None
-    problem = fleet_of(3, 5).problem
+    problem = fleet_of(2, 4).problem
     jobs = find_jobs(problem, read_problem(problem))
-    assert [len(options) for options in jobs.options] == [3] * 5
+    assert [len(options) for options in jobs.options] == [2] * 4
     assert all(len(o.members) == 2 and len(o.legs) == 1 for os in jobs.options for o in os)
     with OneshotPlanner(name="samp-refine[cpsat]", params=FIRST) as planner:
         result = planner.solve(problem, timeout=120)
@@ -95,7 +95,7 @@ def test_a_fleets_problem_file_is_dealt_out_too():
 
 def test_plans_of_large_fleets_get_better(monkeypatch):
     get_environment().credits_stream = None
-    problem = warehouse(2, 5, encoding="compact")
+    problem = warehouse(2, 4, encoding="compact")
     # a first plan that leaves something to be done better: a poor share, whole tours, best ways
     monkeypatch.setattr(tours, "_PAST", 0)
     tuning = {"large": 1, "stale": 30, "exchanges": 0}

@@ -195,7 +195,7 @@ def test_what_is_decided_is_the_best_of_all():
         assert replace(asked, limit=int(least) - 1).decide({}, Deadline.never()) is None
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_what_is_decided_at_once_is_a_plan(seed):
     problem, (tours, first), build, _ = first_tours((4, 8), seed)
     # nobody waits on its way, so it may take longer than the first tours
