@@ -59,9 +59,9 @@ _LOOKS = 3
 tours."""
 _STEEP = 60.0
 """Power of a tour's end that counts in those: hardly any but the last one does."""
-_LONGER = 4, 2, 1, 0
-"""Units by which the tours of another share may be longer at first, and each time that motions have
-looked for ways past each other.
+_LONGER = 0.035, 0.016, 0.008, 0.0
+"""Of the best tours' makespan: by so much tours of another share may be longer at first, and each
+time that motions have looked for ways past each other.
 """
 
 
@@ -315,12 +315,12 @@ def _at_once(search: FleetLNS, tours: TourPlanner, deadline: Deadline) -> FleetS
     """Return tours of another share, decided at once, again with ways of motions past each other as
     long as they are longer than the best ones; None where they stay much longer.
     """
-    limit = search.makespan
-    found = tours.coordinated({}, limit + _LONGER[0], deadline)
-    for longer in _LONGER[1:]:
+    limits = [int(search.makespan * (1.0 + longer)) for longer in _LONGER]
+    found = tours.coordinated({}, limits[0], deadline)
+    for limit in limits[1:]:
         if found is None or search.cost(found) <= search.cost(search.best):
             break
-        found = tours.past_each_other(found, limit + longer, deadline)
+        found = tours.past_each_other(found, limit, deadline)
     return found
 
 
