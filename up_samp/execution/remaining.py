@@ -37,6 +37,7 @@ from up_samp.model.objective import MinimizeCosts
 from up_samp.scheduling.compilers.plain import Expr, fluents_in, show
 from up_samp.scheduling.compilers.translate import read_expression
 from up_samp.scheduling.partial_order.differences import Planned, constant, kept
+from up_samp.scheduling.partial_order.orders import durations
 from up_samp.upio.expressions import activities_in, conditions_of, own_end
 from up_samp.upio.movers import Involved, brought, named_as_planned, whereabouts
 from up_samp.upio.relaxing import told_by
@@ -97,6 +98,12 @@ class ValuesNow:
                     f"what has happened is against the problem: '{show(key)}' is {value} now, and "
                     f"may be {least} to {most}; it was changed by {', '.join(by)}"
                 )
+
+    @cached_property
+    def lasts(self) -> dict[tuple[str, str], int]:
+        """How long (units) activities last: at least by their start, at most by their end."""
+        needs = (told.difference for told in durations(self.planned))
+        return {need.first: abs(need.lag) for need in needs}
 
     @cached_property
     def uses(self) -> frozenset[str]:
@@ -165,11 +172,11 @@ def begun(activity: Activity, values: ValuesNow) -> Activity:
     start = state.fired[Event(At.START, name)]
     gone = values.since * unit - start
     if state.graph.tasks[name].moves:
-        upper = activity.duration.upper
-        most = upper.int_constant_value() if upper.is_int_constant() else 0
+        least, most = (values.lasts.get((end, name), 0) for end in ("start", "end"))
         longest = max(w.travel.whole for w in state.ways_of[name])
-        least = 2 * math.ceil(longest / unit) + 10
-        copy.set_duration_bounds(1, max(most - math.floor(gone / unit), least))
+        shortest = max(1, math.ceil(least - gone / unit - 1e-9))
+        enough = max(shortest, 2 * math.ceil(longest / unit) + 10)
+        copy.set_duration_bounds(shortest, max(most - math.floor(gone / unit), enough))
     else:
         copy.set_fixed_duration(units_left(name, values))
     copy._effects = {}
@@ -411,12 +418,8 @@ class _Builder:
 
     def _over(self) -> dict[str, tuple[float, float]]:
         """Return when what is over really started and ended (units)."""
-        fired = self.state.fired
         return {
-            name: (
-                fired[Event(At.START, name)] / self.unit,
-                fired[Event(At.END, name)] / self.unit,
-            )
+            name: (self._started(name), self.state.fired[Event(At.END, name)] / self.unit)
             for name, phase in self.state.phase.items()
             if phase is TaskPhase.DONE and name not in self.gone
         }
@@ -469,15 +472,20 @@ class _Builder:
             {k: float(self.plan[k]) for k in ("seconds_per_unit", "margin") if k in self.plan},
         )
 
+    def _started(self, name: str) -> float:
+        """Return when an activity began (units)."""
+        return self.state.fired[Event(At.START, name)] / self.unit
+
     def _substitution(self, exact: Mapping[str, tuple[float, float]]) -> Decided:
         """Return what puts in what is known, with these times (units, old clock)."""
+        begun = {n: (self._started(n), None) for n in self._running()}
         return Decided(
             self.source.environment,
             absent=self.gone,
             lost={p.name for p in self._parameters(self.gone)},
             present=set(self._running()),
             values=self._known_values(),
-            exact=exact,
+            exact={**begun, **exact},
             shift=self.since,
         )
 
@@ -488,8 +496,8 @@ class _Builder:
         found = dict(self.exact)
         for name in self._running():
             if not self.state.graph.tasks[name].moves:
-                start = self.state.fired[Event(At.START, name)] / self.unit
-                found[name] = start, self.since + units_left(name, self.values)
+                end = self.since + units_left(name, self.values)
+                found[name] = self._started(name), end
         return found
 
     def _costs(self, fix: Decided, target: SchedulingMotionProblem) -> None:

@@ -28,11 +28,6 @@ from up_samp.upio.relaxation import Relaxation
 _COMPARISONS = {Op.LE: operator.le, Op.LT: operator.lt, Op.EQUALS: operator.eq}
 
 
-def whole_units(exact: Mapping[str, tuple[float, float]]) -> dict[str, tuple[int, int]]:
-    """Return starts and ends as the schedule's whole units."""
-    return {n: (math.floor(a + 1e-9), math.floor(b + 1e-9)) for n, (a, b) in exact.items()}
-
-
 class Decided:
     """Puts what is decided into expressions.
 
@@ -44,8 +39,8 @@ class Decided:
     :param lost: parameters that have no value: of what is absent, mostly.
     :param present: activities that are surely there.
     :param values: known parameters.
-    :param exact: start and end of activities that are over (units, not rounded: what is over is
-        judged by what really was).
+    :param exact: start and end of activities that have begun (units, not rounded: what is over is
+        judged by what really was; ``None``: it is not over).
     :param shift: units by which the clock of what is returned starts later.
     """
 
@@ -57,14 +52,17 @@ class Decided:
         lost: Set[str],
         present: Set[str],
         values: Mapping[str, FNode] | None = None,
-        exact: Mapping[str, tuple[float, float]] | None = None,
+        exact: Mapping[str, tuple[float, float | None]] | None = None,
         shift: int = 0,
     ) -> None:
         self.manager = environment.expression_manager
         self.absent, self.lost = absent, lost
         self.values, self.exact, self.shift = values or {}, exact or {}, shift
-        self.past = whole_units(self.exact)
-        self.present = present | self.past.keys()
+        self.present = present | self.exact.keys()
+        self._past: dict[tuple[TimepointKind, str | None], float | None]
+        self._past = {(TimepointKind.START, n): start for n, (start, _) in self.exact.items()}
+        self._past |= {(TimepointKind.END, n): end for n, (_, end) in self.exact.items()}
+        self._past[TimepointKind.GLOBAL_START, None] = 0.0
         self._memo: dict[tuple[FNode, bool], FNode] = {}
 
     def __call__(self, node: FNode, positive: bool = True) -> FNode:
@@ -78,10 +76,11 @@ class Decided:
         """Return a cost on the new clock: what is over costs what it cost (``None``: it cannot
         come about any more).
         """
-        side = (self(cost.node), 0) if cost.node.type.is_bool_type() else self._side(cost.node)
+        plain = cost.node.type.is_bool_type()
+        side = (self(cost.node), 0, 0.0) if plain else self._side(cost.node)
         if side is None or cost.activity in self.absent:
             return None
-        node, live = side
+        node, live, _ = side
         if live:
             node = self.manager.Plus(node, self.manager.Int(self.shift * live))
         return replace(
@@ -166,10 +165,11 @@ class Decided:
         left, right = (self._side(a) for a in node.args)
         if left is None or right is None:
             return m.Bool(positive)
-        (one, live_one), (two, live_two) = left, right
+        (one, live_one, more_one), (two, live_two, more_two) = left, right
         if not live_one and not live_two and one.is_int_constant() and two.is_int_constant():
             return m.Bool(self._held(node))
         gap = self.shift * (live_one - live_two)
+        gap += _whole(node.node_type, more_one - more_two, live_one > live_two)
         if gap and one.is_int_constant() and live_two == 1:
             one = m.Int(one.int_constant_value() + gap)
         elif gap and two.is_int_constant() and live_one == 1:
@@ -179,10 +179,20 @@ class Decided:
         if one.is_int_constant() and two.is_int_constant():
             holds = _COMPARISONS[node.node_type](one.int_constant_value(), two.int_constant_value())
             return m.Bool(holds)
+        if self._is_late(node.node_type, one, two):
+            return m.FALSE()
         sides = [one, two]
         if node.is_equals():  # UP compares times with numbers, not numbers with times
             sides.sort(key=FNode.is_int_constant)
         return self._rebuilt(node, tuple(sides))
+
+    def _is_late(self, kind: Op, one: FNode, two: FNode) -> bool:
+        """Return whether what goes on is to end before a time (or then) that is over."""
+        if kind == Op.EQUALS or not one.is_timing_exp() or not two.is_int_constant():
+            return False
+        timing = one.timing()
+        in_time = _COMPARISONS[kind](1 + timing.delay, two.int_constant_value())
+        return timing.timepoint.container in self.exact and not in_time
 
     def _held(self, node: FNode) -> bool:
         """Return whether a comparison of times that are over held."""
@@ -193,12 +203,9 @@ class Decided:
 
     def _real(self, node: FNode) -> float:
         if node.is_timing_exp():
-            point = node.timing().timepoint
-            delay = float(node.timing().delay)
-            if point.kind == TimepointKind.GLOBAL_START:
-                return delay
-            start, end = self.exact[point.container]
-            return delay + (start if point.kind == TimepointKind.START else end)
+            was = self._was(node)
+            assert was is not None
+            return float(node.timing().delay) + was
         if node.is_plus():
             return sum(self._real(a) for a in node.args)
         if node.is_minus():
@@ -207,39 +214,52 @@ class Decided:
             return float(self.values[node.parameter().name].constant_value())
         return float(node.constant_value())
 
-    def _side(self, node: FNode) -> tuple[FNode, int] | None:
-        """Return an arithmetic expression with past times put in, and how many of the times in it
-        are still to come (``None``: it has no value).
+    def _was(self, node: FNode) -> float | None:
+        """Return when a point in time was (units; ``None``: it is still to come)."""
+        point = node.timing().timepoint
+        return self._past.get((point.kind, point.container))
+
+    def _side(self, node: FNode) -> tuple[FNode, int, float] | None:
+        """Return an arithmetic expression with past times put in (whole units), how many of the
+        times in it are still to come, and by how much (units) it really is more (``None``: it has
+        no value).
         """
         if node.is_timing_exp():
             return self._timing(node)
         if self._has_none(node):
             return None
         if not node.args or node.is_fluent_exp():
-            return self(node), 0
-        known = [p for p in map(self._side, node.args) if p is not None]
-        nodes, counts = tuple(n for n, _ in known), [count for _, count in known]
-        sums = node.is_plus() or node.is_minus()
-        if not sums and any(counts) and self.shift:
-            raise UnsupportedError(f"'{node}' in a constraint: times can only be added")
+            return self(node), 0, 0.0
+        nodes, counts, parts = zip(*filter(None, map(self._side, node.args)), strict=True)
+        if not node.is_plus() and not node.is_minus():
+            if any(counts) and self.shift:
+                raise UnsupportedError(f"'{node}' in a constraint: times can only be added")
+            return self._rebuilt(node, nodes), 0, 0.0
         sign = -1 if node.is_minus() else 1
-        total = counts[0] + sign * sum(counts[1:]) if sums else 0
-        if sums and all(n.is_int_constant() for n in nodes):
+        total = counts[0] + sign * sum(counts[1:])
+        more = parts[0] + sign * sum(parts[1:])
+        if all(n.is_int_constant() for n in nodes):
             first, *rest = (n.int_constant_value() for n in nodes)
-            return self.manager.Int(first + sign * sum(rest)), total
-        return self._rebuilt(node, nodes), total
+            return self.manager.Int(first + sign * sum(rest)), total, more
+        return self._rebuilt(node, nodes), total, more
 
-    def _timing(self, node: FNode) -> tuple[FNode, int] | None:
-        timing = node.timing()
-        point = timing.timepoint
-        if point.container in self.absent:
+    def _timing(self, node: FNode) -> tuple[FNode, int, float] | None:
+        if node.timing().timepoint.container in self.absent:
             return None
-        time = 0
-        if point.container in self.past:
-            time = self.past[point.container][point.kind == TimepointKind.END]
-        elif point.kind != TimepointKind.GLOBAL_START:
-            return node, 1
-        return self.manager.Int(int(time + timing.delay)), 0
+        was = self._was(node)
+        if was is None:
+            return node, 1, 0.0
+        whole = math.floor(was + 1e-9)
+        return self.manager.Int(int(whole + node.timing().delay)), 0, was - whole
+
+
+def _whole(kind: Op, more: float, later: bool) -> int:
+    """Return what whole units are to be added to the left of a comparison whose left is ``more``
+    (units) than it tells, so that whole times keep it if they really do. What is to be equal
+    happens no sooner, as nothing waits longer by itself; ``later``: the left is what happens.
+    """
+    down = kind == Op.LT or (kind == Op.EQUALS and later)
+    return math.floor(more + 1e-6) if down else math.ceil(more - 1e-6)
 
 
 # ------------------ Problems with presence decided

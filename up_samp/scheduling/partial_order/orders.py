@@ -125,7 +125,7 @@ def orders_of(planned: Planned, snapshot: Snapshot) -> list[OrderConstraint]:
     constraints that are no differences.
     """
     found = list(_constraints(planned))
-    found += _durations(planned)
+    found += durations(planned)
     found += _fluents(planned)
     found += resting(planned, snapshot)
     found += lives(planned, snapshot)
@@ -152,7 +152,8 @@ def _short(e: Expr) -> str:
     return short(show(e), 160)
 
 
-def _durations(planned: Planned) -> Iterator[OrderConstraint]:
+def durations(planned: Planned) -> Iterator[OrderConstraint]:
+    """Yield how long present activities last, at least and at most."""
     for activity in planned.problem.activities:
         if activity.name not in planned.times:
             continue
