@@ -5,6 +5,7 @@ from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.plans import Schedule, SequentialPlan
 from unified_planning.shortcuts import LE, OneshotPlanner
 
+from tests.shuffled import shuffled
 from tests.upio.hall import Hall
 from up_samp.model import ProblemError
 from up_samp.validation import validate_plan
@@ -43,6 +44,22 @@ def test_a_plan_that_still_fits_is_kept(tmp_path):
     assert int(again.metrics["makespan"]) <= int(first.metrics["makespan"])
     assert phases.count("prepare") == 1  # nothing is stated but what the plan drives
     assert int(again.metrics["refinements_bound"]) <= 2
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_plan_is_not_lost_if_there_is_no_time_to_make_it_again(tmp_path, seed):
+    hall = crossing(tmp_path)
+    problem = shuffled(hall.problem, seed, rename=False).problem
+    first, _ = solve(problem, first_plan=True)
+    for runtime in (0.0, 0.02):
+        counted = {"reproducible": True, "runtime": runtime, "optimal": True}
+        again, _ = solve(problem, first.plan, **counted)
+        assert again.status in SOLVED
+        assert int(again.metrics["makespan"]) <= int(first.metrics["makespan"])
+        # nothing comes of what is no plan
+        times = {t: 0 for a in first.plan.activities for t in (a.start, a.end)}
+        lost, _ = solve(problem, Schedule(first.plan.activities, times), **counted)
+        assert lost.plan is None
 
 
 def test_the_proof_goes_on_from_the_plan(tmp_path):

@@ -343,8 +343,10 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
         return self._final(problem, search, SearchResult(Conclusion.FAILED, why))
 
     def _final(self, problem: Any, search: Search, ending: SearchResult) -> PlanGenerationResult:
-        from up_samp.search.conclusion import Conclusion
+        from up_samp.search.conclusion import Conclusion, conclude_with_what_was_given
 
+        if search.bounds.incumbent is None:
+            ending = conclude_with_what_was_given(search, ending)
         best = search.bounds.incumbent
         plan, status = None if best is None else best.plan, status_of(ending.conclusion)
         failed = plan is not None and ending.conclusion is Conclusion.FAILED

@@ -7,7 +7,7 @@ from __future__ import annotations
 import logging
 import operator
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -215,6 +215,8 @@ class Search:
     tell: Telling
     start: CandidateSchedule | None = None
     """What to begin from: see :mod:`up_samp.search.resolve`."""
+    driven: Mapping[str, Trajectory] = field(default_factory=dict)
+    """What is driven in the plan to begin from, as far as it tells."""
     easier: Callable[[Search], Generator[Incumbent, None, Any]] | None = None
     """Yields plans by an objective that is easier, where nothing was given to begin from."""
     in_parts: Callable[[Search, bool], Generator[Incumbent, None, Any]] | None = None

@@ -109,7 +109,8 @@ def open_search(
         if "incumbents" not in params.without and not whole:
             _look_for_jobs(search, start)
     search.history.stages = stages
-    search.start = None if start is None else start_of(problem, start)
+    if start is not None:
+        search.start, search.driven = start_of(problem, start), search.problem.known(start)
     if "incumbents" not in params.without and start is None and snapshot.tasks:
         search.easier = easier_of(search.problem)
     return search
@@ -130,7 +131,10 @@ def _look_for_jobs(search: Search, start: Plan | None) -> None:
     if large and (driving or 2 * len(earlier_jobs(problem, jobs)) <= len(jobs.options)):
         inner = partial(open_thin, search.problem, search.motions.service)
         choices, known = search.facts.choices, search.problem.known(start)
-        in_parts = LargeProblem(problem, snapshot, jobs, inner, search.tuning, choices, known)
+        begin = None if start is None else start_of(problem, start)
+        in_parts = LargeProblem(
+            problem, snapshot, jobs, inner, search.tuning, choices, begin, known
+        )
         search.in_parts = partial(solve_large, in_parts)
     elif driving and start is None:
 

@@ -88,8 +88,10 @@ class LargeProblem:
     open_thin: OpenThin
     tuning: Tuning
     choices: Choices
+    start: CandidateSchedule | None = None
+    """A plan to begin from..."""
     known: Mapping[str, Trajectory] = field(default_factory=dict)
-    """What a plan to begin from drives."""
+    """...and what it drives."""
 
     @cached_property
     def beside(self) -> frozenset[Stop]:
@@ -314,6 +316,7 @@ def _candidate(
     problem = thinned(large.problem, decided_by(dealt, names, beside))
     state_order(problem, dealt)
     inner = large.open_thin(problem, deadline)
+    inner.start = large.start  # of drives that are alike those are made that it makes
     try:
         state_what_is_known(inner)
         report = get_schedule(inner, optimal=False)
