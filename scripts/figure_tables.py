@@ -302,7 +302,7 @@ TABLES: dict[str, tuple[str, Callable[[Rows], str]]] = {
         Column("ratio", "ratio"),
     )),
     "relaxations": ("relaxations", plain(
-        "instance", Column("bound without search", "bound"), Column("first schedule", "tour"),
+        "instance", Column("bound without search", "bound"), Column("quick tour", "tour"),
         Column("share", share("bound", "tour"), ".0%"), Column("CPU s of the bound", "cpu", ".1f"),
     )),
     "resolving": ("resolving", plain(

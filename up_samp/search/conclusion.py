@@ -27,7 +27,7 @@ from up_samp.search.knowledge import SCHEDULING, TOLD, Cost, History
 from up_samp.search.proof import listed
 from up_samp.search.search import Search
 from up_samp.search.world import instant_obstacles
-from up_samp.upio import Itinerary, read_itinerary, trajectory_key
+from up_samp.upio import Itinerary, read_itinerary
 from up_samp.upio.objective import Number
 
 
@@ -217,17 +217,13 @@ def conclude_with_what_was_given(search: Search, ending: SearchResult) -> Search
     """Return how a search ends that has no plan: with the one that it began from, if that is a plan
     of this problem as it is.
     """
-    start, source = search.start, search.problem.source
-    if start is None:
+    if search.start is None:
         return ending
-    tasks = [task for task in search.problem.snapshot.tasks if task.activity in start.times]
-    chosen = {p.name for a in source.activities if a.name in start.times for p in a.parameters}
-    chosen |= {variable.name for variable in source.base_variables}
-    told = {trajectory_key(task.activity, task.index) for task in tasks} <= search.driven.keys()
-    given = (
-        search.plan_of(start, search.driven) if told and chosen <= start.parameters.keys() else None
-    )
-    if given is None or search.judged(given.plan):
+    try:
+        given = search.plan_of(search.start, search.driven)
+    except KeyError:  # it leaves open a choice, or what is driven
+        return ending
+    if search.judged(given.plan):
         return ending
     search.bounds.keep(given)
     return SearchResult(Conclusion.SOLVED, f"the plan to begin from, as it is; {ending.why}")
