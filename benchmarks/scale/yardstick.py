@@ -186,7 +186,7 @@ def main(
     """Print a row."""
     with computing_time():
         search, large = opened(size, int(seed))
-        rules = CostWeights(handover=float(changeover), steep=60.0)
+        rules = CostWeights(handover=float(changeover), steep=100.0)
         evaluator = AssignmentEvaluator(guess_of(search, large), large.jobs, rules)
         own = annealed(large, evaluator, float(seconds))
         state_bounds(search, large.problem, large.jobs, relative=True)
