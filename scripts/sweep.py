@@ -325,7 +325,7 @@ def _child(case: str, tuning: Table, reads: bool, part: str, pipe: Any) -> None:
     _count_cpu_time()
     if part:
         _leave_out(part)
-    seen: set[tuple[str, str]] = set()
+    seen = set[str]()
     if reads:
         _watch_reads(seen)
     kind, _, name = case.partition(": ")
@@ -337,7 +337,7 @@ def _child(case: str, tuning: Table, reads: bool, part: str, pipe: Any) -> None:
     used = [resource.getrusage(w) for w in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     values["cpu"] = round(sum(u.ru_utime + u.ru_stime for u in used), 2)
     if reads:
-        values["reads"] = sorted(map(list, seen))
+        values["reads"] = sorted(seen)
     pipe.send(values)
     pipe.close()
     os._exit(0)

@@ -45,3 +45,9 @@ def test_what_is_found_counts_before_how_good_it_is(sweep):
 
 def test_the_cases_that_were_run_are_there(sweep):
     assert set(sweep.Sweep(sweep.KEPT).kept["base"]) <= set(sweep.cases())
+
+
+def test_a_run_tells_which_tunables_it_reads(sweep):
+    told = sweep.run("random: 1", {}, 60.0, reads=True)
+    assert "tiny" in told["reads"]
+    assert set(told["reads"]) < set(sweep.tunables())

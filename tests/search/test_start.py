@@ -51,14 +51,20 @@ def test_a_plan_is_not_lost_if_there_is_no_time_to_make_it_again(tmp_path, seed)
     hall = crossing(tmp_path)
     problem = shuffled(hall.problem, seed, rename=False).problem
     first, _ = solve(problem, first_plan=True)
+    hall.problem.get_activity("go0").add_release_date(
+        first.plan.get(problem.get_activity("go0").end).constant_value() + 1
+    )
+    later = shuffled(hall.problem, seed, rename=False).problem
     for runtime in (0.0, 0.02):
         counted = {"reproducible": True, "runtime": runtime, "optimal": True}
         again, _ = solve(problem, first.plan, **counted)
         assert again.status in SOLVED
         assert int(again.metrics["makespan"]) <= int(first.metrics["makespan"])
-        # nothing comes of what is no plan
-        times = {t: 0 for a in first.plan.activities for t in (a.start, a.end)}
+        # nothing comes of what drives nothing, nor of a plan of another problem
+        times = {t: first.plan.get(t) for a in first.plan.activities for t in (a.start, a.end)}
         lost, _ = solve(problem, Schedule(first.plan.activities, times), **counted)
+        assert lost.plan is None
+        lost, _ = solve(later, first.plan, **counted)
         assert lost.plan is None
 
 

@@ -107,21 +107,21 @@ def open_search(
         service = service or open_service(snapshot, grid, params)
         check_start_poses(snapshot, service)
         search = assemble(Problem(problem, snapshot, wrapped, params), service, deadline)
+        if start is not None:
+            search.start, search.driven = start_of(problem, start), search.problem.known(start)
         whole = params.components is not None or not only_makespan(problem)
         if "incumbents" not in params.without and not whole:
-            _look_for_jobs(search, start)
+            _look_for_jobs(search)
     search.history.stages = stages
-    if start is not None:
-        search.start, search.driven = start_of(problem, start), search.problem.known(start)
     if "incumbents" not in params.without and start is None and snapshot.tasks:
         search.easier = easier_of(search.problem)
     return search
 
 
-def _look_for_jobs(search: Search, start: Plan | None) -> None:
+def _look_for_jobs(search: Search) -> None:
     """Find the jobs that robots may share: of a large problem, for plans in parts; of others, for
     a bound before the search, if robots drive in the midst of a job, and no plan is given to
-    ``start`` from. (Of single tasks the scheduler knows more.)
+    begin from. (Of single tasks the scheduler knows more.)
     """
     problem, snapshot = search.problem.source, search.problem.snapshot
     jobs = find_jobs(problem, snapshot)
@@ -132,13 +132,9 @@ def _look_for_jobs(search: Search, start: Plan | None) -> None:
     # of a job shop's tasks most wait for what others do: who deals out knows too little of that
     if large and (driving or 2 * len(earlier_jobs(problem, jobs)) <= len(jobs.options)):
         inner = partial(open_thin, search.problem, search.motions.service)
-        choices, known = search.facts.choices, search.problem.known(start)
-        begin = None if start is None else start_of(problem, start)
-        in_parts = LargeProblem(
-            problem, snapshot, jobs, inner, search.tuning, choices, begin, known
-        )
+        in_parts = LargeProblem(problem, snapshot, jobs, inner, search.tuning, search.facts.choices)
         search.in_parts = partial(solve_large, in_parts)
-    elif driving and start is None:
+    elif driving and search.start is None:
 
         def bound(search: Search) -> tuple[()]:
             state_bounds(search, problem, jobs, relative=False)

@@ -14,8 +14,8 @@ from __future__ import annotations
 import math
 import random
 from collections import defaultdict
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from operator import attrgetter
 
@@ -28,7 +28,6 @@ from up_samp.model import (
     Deadline,
     PathQuery,
     TimedMotion,
-    Trajectory,
 )
 from up_samp.model.snapshot import Snapshot, grouped
 from up_samp.motion.fleet.reservations import ReservationTable
@@ -88,10 +87,6 @@ class LargeProblem:
     open_thin: OpenThin
     tuning: Tuning
     choices: Choices
-    start: CandidateSchedule | None = None
-    """A plan to begin from..."""
-    known: Mapping[str, Trajectory] = field(default_factory=dict)
-    """...and what it drives."""
 
     @cached_property
     def beside(self) -> frozenset[Stop]:
@@ -133,7 +128,7 @@ def solve_large(
     for dealt in deals_of(search, large, first):
         with search.history.stages.of(BUILDING):
             deadline = first.within(large.nearly_all(_TURN) * first.remaining())
-            opened = candidate_of(large, dealt, deadline)
+            opened = candidate_of(large, dealt, deadline, search.start)
             if opened is not None:
                 found = plan_of_deal(search, large, dealt, opened, deadline)
         failed += opened is None or large.doors
@@ -262,7 +257,7 @@ def plan_of_deal(
     inner, itinerary = opened
     homes = homes_of(large.problem, dealt)
     # what was a plan may be none any more
-    for known in (large.known, {}) if large.known else ({},):
+    for known in (search.driven, {}) if search.driven else ({},):
         found = plan_tours(inner, itinerary, deadline, homes=homes, known=known)
         plan = None if found is None else plan_of_tours(search, found[1])
         if found is not None and plan is not None:
@@ -298,25 +293,35 @@ def homes_of(problem: SchedulingMotionProblem, dealt: Assignment) -> frozenset[s
 
 
 def candidate_of(
-    large: LargeProblem, dealt: Assignment, deadline: Deadline
+    large: LargeProblem,
+    dealt: Assignment,
+    deadline: Deadline,
+    start: CandidateSchedule | None = None,
 ) -> tuple[Search, Itinerary] | None:
     """Return a search on the problem thinned to what was dealt out, and its candidate: with what it
     takes for who has to charge, or with all that may be done beside where nothing comes of that, or
     where there are doors: nobody knows yet who opens them, and has to charge for that.
+
+    :param start: what the scheduler begins from, so that of drives that are alike its are made.
     """
     charging = dealt.rehearsal.charging(dealt.tours)
     some = dict.fromkeys((large.beside,) if large.doors else (charging, large.beside))
-    return next(filter(None, (_candidate(large, dealt, deadline, beside) for beside in some)), None)
+    found = (_candidate(large, dealt, deadline, beside, start) for beside in some)
+    return next(filter(None, found), None)
 
 
 def _candidate(
-    large: LargeProblem, dealt: Assignment, deadline: Deadline, beside: frozenset[Stop]
+    large: LargeProblem,
+    dealt: Assignment,
+    deadline: Deadline,
+    beside: frozenset[Stop],
+    start: CandidateSchedule | None,
 ) -> tuple[Search, Itinerary] | None:
     names = [a.name for a in large.problem.activities]
     problem = thinned(large.problem, decided_by(dealt, names, beside))
     state_order(problem, dealt)
     inner = large.open_thin(problem, deadline)
-    inner.start = large.start  # of drives that are alike those are made that it makes
+    inner.start = start
     try:
         state_what_is_known(inner)
         report = get_schedule(inner, optimal=False)
