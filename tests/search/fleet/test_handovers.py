@@ -135,3 +135,6 @@ def test_shares_take_what_is_known_of_their_handovers(toured, seed, at_once):
         usual.guess.rounds += 1
         told = {robot: end for robot, (end, _) in exact.ends(tours).items() if tours[robot]}
         assert told == pytest.approx(ends_by_hand(exact, tours))
+        alike = usual.ends(tours)  # what was written down for it is not what the other one asks
+        assert replace(usual, exact=True).ends(tours) == exact.ends(tours)
+        assert replace(exact, exact=False).ends(tours) == alike

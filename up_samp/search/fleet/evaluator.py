@@ -46,8 +46,9 @@ class AssignmentEvaluator:
     rules: CostWeights = field(default_factory=CostWeights)
     exact: bool = False
     """Whether handovers at shared places take what is known of each, else all of them the same."""
-    _known: tuple[int, WorkTables] | None = None
-    """What options ask for, and how much was learned of drives when that was written down."""
+    _known: tuple[tuple[int, bool], WorkTables] | None = None
+    """What options ask for, with how much was learned of drives when that was written down, and
+    whether it is ``exact``: who is replaced by another one hands it on."""
 
     def __post_init__(self) -> None:
         self.robots = sorted({o.robot for options in self.jobs.options for o in options})
@@ -92,8 +93,9 @@ class AssignmentEvaluator:
 
     def work(self) -> WorkTables:
         """Return what options ask for, by what is known of drives now."""
-        if self._known is None or self._known[0] != self.guess.rounds:
-            self._known = self.guess.rounds, self._work()
+        asked = self.guess.rounds, self.exact
+        if self._known is None or self._known[0] != asked:
+            self._known = asked, self._work()
         return self._known[1]
 
     def _work(self) -> WorkTables:
