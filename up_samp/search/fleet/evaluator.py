@@ -29,7 +29,7 @@ from up_samp.search.fleet.evaluator_kernel import (
     length_of,
 )
 from up_samp.search.fleet.jobs import Jobs, WorkMode
-from up_samp.search.fleet.travel_times import TravelTimeModel
+from up_samp.search.fleet.travel_times import TravelTimeModel, likely_handovers
 
 Step = tuple[int, int]
 """A job and which of its options is taken."""
@@ -45,7 +45,9 @@ class AssignmentEvaluator:
     jobs: Jobs
     rules: CostWeights = field(default_factory=CostWeights)
     exact: bool = False
-    """Whether handovers at shared places take what is known of each, else all of them the same."""
+    """Whether handovers at shared places take what is known of each, or likely by what is known of
+    others, else all of them the same.
+    """
     _known: tuple[tuple[int, bool], WorkTables] | None = None
     """What options ask for, with how much was learned of drives when that was written down, and
     whether it is ``exact``: who is replaced by another one hands it on."""
@@ -152,8 +154,8 @@ class AssignmentEvaluator:
         stops: Sequence[Configuration],
         homes: Sequence[Configuration | None],
     ) -> HandoverTables:
-        """Return what is known of handovers at shared places, with where all stops are, and where
-        options lead home.
+        """Return what is known of handovers at shared places, or likely by what is, with where all
+        stops are, and where options lead home.
         """
         known = self.guess.handovers if self.exact else {}
         mine = defaultdict[Body, set[int]](set)
@@ -168,6 +170,7 @@ class AssignmentEvaluator:
         rows, columns = ({d: n for n, d in enumerate(some)} for some in (leaving, coming))
         for (one, other), least in known.items():
             seconds[rows[one], columns[other]] = least
+        seconds[:-1, :-1] = likely_handovers([*leaving], [*coming], seconds[:-1, :-1])
         at = np.array([number[pose] for pose in stops])
         home = np.array([-1 if pose is None else number[pose] for pose in homes])
         return HandoverTables(at, home, leaves, comes, seconds)
