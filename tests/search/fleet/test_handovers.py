@@ -14,6 +14,7 @@ import pytest
 from tests.search.fleet.test_better_rounds import first_tours
 from up_samp.motion.fleet.timed_path import natural_timing, run_of
 from up_samp.search.fleet.evaluator import AssignmentEvaluator
+from up_samp.search.fleet.travel_times import SECTORS
 
 INF = math.inf
 
@@ -58,24 +59,20 @@ def test_handovers_are_as_quick_as_ways_without_a_stop_allow(toured):
     assert 1.0 < min(told) < max(told) < 30.0
 
 
-def likely(known, one, other):
+def likely(known, place, goal, start):
     """Return how long a handover takes by those at the same place whose drives lie alike, each for
-    itself; None where one of its drives is in none of them, or all lie too differently.
+    itself; None where all lie too differently.
     """
 
-    def tells(drive, body, place, elsewhere, mine, yours):
-        if place != mine:
-            return 0.0
-        way, there = (np.subtract(end[:2], mine[:2]) for end in (yours, elsewhere))
-        apart = np.linalg.norm(way / np.linalg.norm(way) - there / np.linalg.norm(there))
-        return math.exp(-((apart / 0.1) ** 2)) * (1.0 if body == drive[0] else 0.2)
+    def tells(end, other):
+        way, there = (math.atan2(y - place[1], x - place[0]) for x, y, *_ in (end, other))
+        sector = math.pi / SECTORS + 2 * math.pi / SECTORS * math.floor(
+            (way % (2 * math.pi)) / (2 * math.pi / SECTORS)
+        )
+        return math.exp(-((2 * math.sin((there - sector) / 2) / 0.12) ** 2))
 
-    if not all(any(d == pair[side] for pair in known) for side, d in enumerate((one, other))):
-        return None
-    shares = [
-        (tells(one, body, a, b, one[1], one[2]) * tells(other, come, to, at, other[2], other[1]), s)
-        for ((body, a, b), (come, at, to)), s in known.items()
-    ]
+    some = [(a, b, s) for ((_, at, a), (_, b, _)), s in known.items() if at == place]
+    shares = [(tells(goal, a) * tells(start, b), s) for a, b, s in some if goal is not None]
     whole = sum(share for share, _ in shares)
     return sum(share * s for share, s in shares) / whole if whole > 1e-3 else None
 
@@ -123,7 +120,7 @@ def ends_by_hand(rehearsal, tours):
             other, free, goal = last[place]
             key = (body[other], place, goal), (body[robot], here[robot], place)
             gap = guess.handovers.get(key)
-            gap = likely(guess.handovers, *key) if gap is None else gap
+            gap = likely(guess.handovers, place, goal, here[robot]) if gap is None else gap
             came = max(came, free + (rehearsal.rules.handover if gap is None else gap))
         ready[robot], here[robot] = came + stays, place
         goal = left[robot][0][0] if left[robot] else home[robot]

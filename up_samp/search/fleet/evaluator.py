@@ -29,7 +29,7 @@ from up_samp.search.fleet.evaluator_kernel import (
     length_of,
 )
 from up_samp.search.fleet.jobs import Jobs, WorkMode
-from up_samp.search.fleet.travel_times import TravelTimeModel, likely_handovers
+from up_samp.search.fleet.travel_times import TravelTimeModel, likely_handovers, sectors
 
 Step = tuple[int, int]
 """A job and which of its options is taken."""
@@ -170,10 +170,10 @@ class AssignmentEvaluator:
         rows, columns = ({d: n for n, d in enumerate(some)} for some in (leaving, coming))
         for (one, other), least in known.items():
             seconds[rows[one], columns[other]] = least
-        seconds[:-1, :-1] = likely_handovers([*leaving], [*coming], seconds[:-1, :-1])
+        likely = likely_handovers(known, self._shared)
         at = np.array([number[pose] for pose in stops])
         home = np.array([-1 if pose is None else number[pose] for pose in homes])
-        return HandoverTables(at, home, leaves, comes, seconds)
+        return HandoverTables(at, home, leaves, comes, seconds, sectors([*number]), likely)
 
     def _way_home(self, option: WorkMode) -> float:
         """Return how long (s) it takes from where an option ends to where its robot is in nobody's

@@ -40,8 +40,10 @@ class HandoverTables(NamedTuple):
     """How long (s) after a robot begins a drive from a shared place another one may end its drive
     there: ``seconds`` by row and column (negative: unknown), which drives (kind, from, to) have
     (``leaves``, ``comes``). ``at`` is where each stop is, ``home`` where a robot goes after an
-    option that is its last one. -1 is no row, no column, nowhere: all tables end with what is
-    unknown then.
+    option that is its last one. What is unknown takes what is ``likely`` (place, sector where one
+    leaves, sector where the other one comes from; negative: unknown), by the ``sector`` of the
+    plane in which poses lie (from, to). -1 is no row, no column, nowhere: all tables end with what
+    is unknown then.
     """
 
     at: IntArray
@@ -49,6 +51,8 @@ class HandoverTables(NamedTuple):
     leaves: IntArray
     comes: IntArray
     seconds: FloatArray
+    sector: IntArray
+    likely: FloatArray
 
 
 class WorkTables(NamedTuple):
@@ -126,8 +130,9 @@ def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: in
     at = np.zeros((robots, 2), dtype=np.int64)  # the number of the option, and of the stop
     free = np.full(places, -np.inf)
     last = np.full(places, -1)
-    stop_at, home, goes, comes, seconds = work.handovers
-    leaves = np.full(places, -1)  # how the last one drives on: a row of known handovers
+    stop_at, home, goes, comes, seconds, sector, likely = work.handovers
+    # how the last one drives on: a row of known handovers, and a sector
+    leaves, away = np.full(places, -1), np.full(places, -1)
     here, kind = work.start.copy(), work.kind
     saved = np.zeros(robots)  # by the latest option's being done together with the one before
     left = np.zeros(robots)  # what each one has to do from its next stop on (s)
@@ -149,6 +154,8 @@ def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: in
         begin = came
         if place >= 0 and last[place] != r:
             gap = seconds[leaves[place], comes[kind[r], here[r], stop_at[stop]]]
+            if gap < 0.0:
+                gap = likely[place, away[place], sector[stop_at[stop], here[r]]]
             begin = max(came, free[place] + (gap if gap >= 0.0 else rules.handover))
         done = begin + stays[stop]
         left[r] -= stays[stop]
@@ -158,6 +165,7 @@ def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: in
             last[place] = r
             there = _then(stop_at, home, head, tours[r, : counts[r]], at[r])
             leaves[place] = goes[kind[r], stop_at[stop], there]
+            away[place] = sector[stop_at[stop], there]
         found[r, 0] = done
         if stop + 1 < head[option + 1]:
             at[r, 1] = stop + 1

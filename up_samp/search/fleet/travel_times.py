@@ -18,7 +18,7 @@ import numpy as np
 from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.model import Body, Configuration, Deadline
-from up_samp.model.arrays import FloatArray
+from up_samp.model.arrays import FloatArray, IntArray
 from up_samp.model.snapshot import Snapshot, TermKind
 from up_samp.search.fleet.duties import Duties
 from up_samp.search.fleet.jobs import Jobs, WorkMode, stated_precedences
@@ -27,12 +27,12 @@ ENOUGH = 12
 """Drives of a body, after which others are not planned if bounds tell them..."""
 _CLOSE = 1.1
 """...which they do if how far they are off differs by no more than this factor."""
-_ALIKE, _OTHER_BODY = 0.1, 0.2
-"""Between the directions of drives that leave a place, or come there, so that handovers are alike
-(chord of the unit circle), and how much what another body drives tells of them.
+SECTORS = 64
+"""In which others lie, seen from a place: those in one are told alike."""
+_ALIKE, _TOLD = 0.12, 1e-3
+"""Between directions (chord of the unit circle), so that handovers are alike; and how much all that
+is known has to tell of one.
 """
-_TOLD = 1e-3
-"""What all that is known of others counts at least, so that a handover is guessed by it."""
 
 _NONE = Duties()
 Lasts = Callable[[Body, Configuration, Configuration], float]
@@ -175,38 +175,44 @@ class TravelTimeModel:
 
 
 def likely_handovers(
-    leaving: Sequence[Drive], coming: Sequence[Drive], seconds: FloatArray
+    known: Mapping[tuple[Drive, Drive], float], places: Mapping[Configuration, int]
 ) -> FloatArray:
-    """Return how long handovers take (s) after one drive (row) until another one ends (column),
-    also those that are not known (negative): by what is known at the same place of drives in such
-    directions (kernel regression; Nadaraya 1964, Watson 1964). Who leaves by where the next one
-    comes takes two or three times as long as others.
+    """Return how long handovers are likely to take (place, sector where one leaves, sector where
+    the other one comes from; s; negative: nothing is known of such; so is all that is last in a
+    row). Who leaves by where the next one comes takes two or three times as long as others: it is
+    told by what is known of drives at the same place in such directions (kernel regression;
+    Nadaraya 1964, Watson 1964).
     """
-    found = seconds.copy()
-    for place in sorted({a for _, a, _ in leaving}):
-        rows = [n for n, (_, a, _) in enumerate(leaving) if a == place]
-        columns = [n for n, (_, _, b) in enumerate(coming) if b == place]
-        block = seconds[np.ix_(rows, columns)]
-        told = block >= 0.0
-        row, column = np.nonzero(told)
-        one = _likeness([(body, b, a) for body, a, b in map(leaving.__getitem__, rows)])[:, row]
-        other = _likeness([*map(coming.__getitem__, columns)])[:, column]
-        weight = one @ other.T
-        guessed = ~told & (weight > _TOLD)
-        block[guessed] = ((one * block[told]) @ other.T)[guessed] / weight[guessed]
-        found[np.ix_(rows, columns)] = block
+    at = defaultdict[Configuration, list[tuple[FloatArray, FloatArray, float]]](list)
+    for ((_, place, goal), (_, start, _)), seconds in known.items():
+        at[place].append((_towards(place, goal), _towards(place, start), seconds))
+    found = np.full((len(places) + 1, SECTORS + 1, SECTORS + 1), -1.0)
+    for place in at.keys() & places.keys():
+        leaving, coming, took = map(np.array, zip(*at[place], strict=True))
+        told = leaving.T @ coming
+        guessed = (leaving.T * took) @ coming / np.maximum(told, _TOLD)
+        found[places[place], :-1, :-1] = np.where(told > _TOLD, guessed, -1.0)
     return found
 
 
-def _likeness(drives: Sequence[Drive]) -> FloatArray:
-    """Return how much each of some drives to a place tells of each other one (n, n)."""
-    ways = np.array([np.subtract(a[:2], b[:2]) for _, a, b in drives]).reshape(-1, 2)
-    ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-9)
-    chords = np.linalg.norm(ways[:, None] - ways, axis=2)
-    bodies = {body: number for number, body in enumerate(dict.fromkeys(d[0] for d in drives))}
-    body = np.array([bodies[d[0]] for d in drives])
-    alike: FloatArray = np.exp(-((chords / _ALIKE) ** 2))
-    return alike * np.where(body[:, None] == body, 1.0, _OTHER_BODY)
+def sectors(poses: Sequence[Configuration]) -> IntArray:
+    """Return in which sector of the plane each pose lies, seen from each one (from, to); what is
+    last in a row is none (-1).
+    """
+    x, y = np.array([pose[:2] for pose in poses]).reshape(-1, 2).T
+    turns = np.arctan2(y - y[:, None], x - x[:, None]) / (2.0 * np.pi) % 1.0
+    found = np.full((len(poses) + 1, len(poses) + 1), -1)
+    found[:-1, :-1] = np.minimum(turns * SECTORS, SECTORS - 1)
+    return found
+
+
+def _towards(place: Configuration, other: Configuration) -> FloatArray:
+    """Return how much what is known of a drive between two poses tells of each sector."""
+    angle = math.atan2(other[1] - place[1], other[0] - place[0])
+    middles = (np.arange(SECTORS) + 0.5) * (2.0 * np.pi / SECTORS)
+    chords = 2.0 * np.sin(0.5 * (middles - angle))
+    told: FloatArray = np.exp(-((chords / _ALIKE) ** 2))
+    return told
 
 
 def pauses_of(problem: SchedulingMotionProblem, jobs: Jobs) -> dict[str, int]:
