@@ -183,14 +183,16 @@ def likely_handovers(
     told by what is known of drives at the same place in such directions (kernel regression;
     Nadaraya 1964, Watson 1964).
     """
-    at = defaultdict[Configuration, list[tuple[FloatArray, FloatArray, float]]](list)
+    at = defaultdict[Configuration, list[tuple[Configuration, Configuration, float]]](list)
     for ((_, place, goal), (_, start, _)), seconds in known.items():
-        at[place].append((_towards(place, goal), _towards(place, start), seconds))
+        at[place].append((goal, start, seconds))
     found = np.full((len(places) + 1, SECTORS + 1, SECTORS + 1), -1.0)
     for place in at.keys() & places.keys():
-        leaving, coming, took = map(np.array, zip(*at[place], strict=True))
+        goals, starts, took = zip(*at[place], strict=True)
+        leaving, coming = _telling(place, goals), _telling(place, starts)
         told = leaving.T @ coming
-        guessed = (leaving.T * took) @ coming / np.maximum(told, _TOLD)
+        # rounded, as machines add in orders of their own
+        guessed = np.round((leaving.T * took) @ coming / np.maximum(told, _TOLD), 6)
         found[places[place], :-1, :-1] = np.where(told > _TOLD, guessed, -1.0)
     return found
 
@@ -206,11 +208,14 @@ def sectors(poses: Sequence[Configuration]) -> IntArray:
     return found
 
 
-def _towards(place: Configuration, other: Configuration) -> FloatArray:
-    """Return how much what is known of a drive between two poses tells of each sector."""
-    angle = math.atan2(other[1] - place[1], other[0] - place[0])
+def _telling(place: Configuration, others: Sequence[Configuration]) -> FloatArray:
+    """Return how much what is known of drives between a place and others tells of each sector
+    (others, sectors).
+    """
+    x, y = np.array([other[:2] for other in others]).T
+    angles = np.arctan2(y - place[1], x - place[0])
     middles = (np.arange(SECTORS) + 0.5) * (2.0 * np.pi / SECTORS)
-    chords = 2.0 * np.sin(0.5 * (middles - angle))
+    chords = 2.0 * np.sin(0.5 * (middles - angles[:, None]))
     told: FloatArray = np.exp(-((chords / _ALIKE) ** 2))
     return told
 
