@@ -638,7 +638,7 @@ class Operation(Day):
             why = EVERY
         cut, chosen = self.cut(choice.opened), choice.jobs
         staying = [self.jobs[n] for n in cut.jobs if n in self.jobs]
-        carried = [(r, self.jobs[w].record) for w, r in cut.carrying.items()]
+        carried = [(r, self.jobs[w]) for w, r in cut.carrying.items()]
         self.number += 1
         question = Question(
             number=self.number,
@@ -646,10 +646,10 @@ class Operation(Day):
             folder=self.folder,
             cut=cut,
             kept=kept_of(self.executor, cut),
-            jobs=tuple(since_now(j.record, now, j.came) for j in chosen),
+            jobs=tuple(self._left(j, now) for j in chosen),
             robots=tuple(choice.opened),
             beside=choice.beside,
-            held=tuple((r, since_now(o, now, now)) for r, o in carried if isinstance(o, Order)),
+            held=tuple((r, since_now(j.record, now, j.came)) for r, j in carried),
             on_board=self.on_board(),
             areas=self.areas,
             shut=frozenset(n for n, state in self.shut.items() if state == OUT),
@@ -664,6 +664,11 @@ class Operation(Day):
         self._changed.clear()
         self.planner.ask(question)
         self._asked = question, now, why
+
+    def _left(self, job: DayOrder, now: float) -> Any:
+        """Return an order on the clock of a plan that begins ``now``, after what is not over."""
+        before = sorted(self.unfinished(job.record.after))
+        return replace(since_now(job.record, now, job.came), after=tuple(before))
 
     def choice(self) -> OpenWork | None:
         """Return what is planned next."""
