@@ -60,7 +60,7 @@ VERSIONS = ("2.0.0", "2.1.0", LATER)
 LISTS = ("nodeStates", "actionStates", "instantActionStates")
 NUMBERS = (
     "orderUpdateId", "lastNodeSequenceId", "sequenceId", "x", "y", "theta", "deviationRange",
-    "batteryCharge", "localizationScore",
+    "batteryCharge", "localizationScore", "speedMax", "accelerationMax", "length", "width",
 )  # fmt: skip
 KINDS: dict[str, Any] = {
     **dict.fromkeys(NUMBERS, (int, float)),
@@ -334,10 +334,10 @@ class MasterControl:
         kind = self.site.robot_types[self.site.robots[name].type]
         told = sheet.get("physicalParameters", {})
         for key, own in (("speedMax", kind.v_max), ("accelerationMax", kind.a_max)):
-            if isinstance(told.get(key), int | float) and told[key] < own - 1e-9:
+            if told.get(key, own) < own - 1e-9:
                 self._fault(name, f"its {key} is {told[key]:g}, in the site file {own:g}")
         for key, own in zip(("length", "width"), self._sides(name), strict=True):
-            if isinstance(told.get(key), int | float) and told[key] > own + 1e-3:
+            if told.get(key, own) > own + 1e-3:
                 self._fault(name, f"its {key} is {told[key]:g} m, in the site file {own:g}")
 
     def _sides(self, robot: str) -> tuple[float, float]:
