@@ -42,3 +42,18 @@ def test_nothing_begins_before_what_it_comes_after_or_its_window(tmp_path, seed)
         assert day.verdict().good, (day.verdict(), day.story())
     finally:
         day.operation.close()
+
+
+def test_what_comes_before_may_come_later(tmp_path):
+    day = Day(tmp_path, robots=2)
+    try:
+        day.order("then", "rack0", "dock0", after=["first"])
+        assert "it comes after 'first': not known yet" in day.story()
+        day.until(lambda: day.clock.now() >= 12.0)
+        assert day.state("then") == "waiting"
+        day.order("first", "shelf1", "dock1")
+        day.run()
+        assert [h.what for h in day.robots.handled] == ["first", "first", "then", "then"]
+        assert day.verdict().good, (day.verdict(), day.story())
+    finally:
+        day.operation.close()

@@ -111,8 +111,8 @@ class Day:
         return [j for j in self.jobs.values() if j.state is OrderState.WAITING]
 
     def unfinished(self, names: Iterable[str]) -> set[str]:
-        """Return which of some orders are still to be done."""
-        return {n for n in names if n in self.jobs and self.jobs[n].state.open}
+        """Return which of some orders are still to be done, those that are still to come, too."""
+        return {n for n in names if n not in self.jobs or self.jobs[n].state.open}
 
     def sure(self) -> set[str]:
         """Return the orders that the plan brings to their ends, as things are."""

@@ -191,11 +191,17 @@ class Operation(Day):
         job = DayOrder(record, now if known is None else known.came)
         with self.store:
             self.store.put_job(job)
-            self.store.note(now, "order", job.id, "came" if known is None else "changed")
+            what = "came" if known is None else "changed"
+            self.store.note(now, "order", job.id, what, self._to_come(record))
             self.jobs[job.id] = job
             self._withdraw(job.id)
         self.want(f"order '{job.id}' {'came' if known is None else 'was changed'}")
         return job
+
+    def _to_come(self, record: Order | Task) -> str:
+        """Return which orders one waits for that have not come yet ("": none)."""
+        names = ", ".join(f"'{n}'" for n in record.after if n not in self.jobs)
+        return names and f"it comes after {names}: not known yet"
 
     def cancel(self, name: str) -> DayOrder:
         """Cancel an order that is not begun.
