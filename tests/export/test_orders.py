@@ -3,13 +3,15 @@
 import itertools
 import json
 import math
+import random
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from unified_planning.shortcuts import OneshotPlanner
+from unified_planning.shortcuts import GE, OneshotPlanner
 
+from tests.execution import floors
 from tests.export.plans import door_plan
 from tests.fuzz.problems import SECONDS, build, random_case
 from up_samp import Fleet
@@ -230,6 +232,32 @@ def follow(steps, random):
         if not moved:
             return None
     return when
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_who_waits_for_an_end_waits_for_what_that_waits_for(tmp_path, seed):
+    """Robots tell that they have done something whatever its end waits for."""
+    problem, plan = floors.rounds(seed, floors.hall(tmp_path))
+    rng = random.Random(f"ends {seed}")
+    spans = {a["name"]: (a["start"], a["end"]) for a in plan["activities"]}
+    whose = {t["activity"]: t["object"] for t in plan["motions"]}
+    chains = [
+        (one, two, three)
+        for one, two, three in itertools.permutations(rng.sample(sorted(whose), len(whose)), 3)
+        if len({whose[one], whose[two], whose[three]}) == 3
+        if spans[two][0] <= spans[one][1] <= spans[two][1] <= spans[three][0]
+    ]
+    asked = rng.sample(chains, 3)
+    for one, two, three in asked:
+        first, then, last = map(problem.get_activity, (one, two, three))
+        some = [GE(then.end, first.end), GE(last.start, then.end), GE(last.start, first.end)]
+        for constraint in rng.sample(some, 3):
+            problem.add_constraint(constraint)
+    steps = steps_of(with_dependencies(problem, plan))
+    for k in range(10):
+        when = follow(steps, np.random.default_rng(k))
+        assert when is not None
+        assert all(when["start", last] > when["end", one] - 5e-3 for one, _, last in asked)
 
 
 def test_points_are_come_to_late_and_left_early(plan, tmp_path):

@@ -13,6 +13,10 @@ REFUSED = {
         lambda f: f.add_automatic_door("gate", [(1, 1), (2, 1), (2, 2)], shut=(9, 99)),
         "automatic door 'gate' has a timetable",
     ),
+    "airlocks": (
+        lambda f: f.add_automatic_door("gate", [(1, 1), (2, 1), (2, 2)], airlock="lock"),
+        "automatic door 'gate' is one of an airlock",
+    ),
     "batteries": (
         lambda f: f.add_robot_type("small", (0.5, 0.5), battery={"capacity": 9}),
         "robot type 'small' has a battery",

@@ -3,6 +3,8 @@ and every message keeps the schemas of the standard, where these are here.
 """
 
 import json
+import math
+import random
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,7 +16,8 @@ pytest.importorskip("paho.mqtt", reason="needs the extra [mqtt]: paho-mqtt")
 from tests.operate.days import Day
 from tests.operate.sites import hall
 from tests.operate.wire import AgvFloor
-from up_samp.operate.vda5050 import MasterControl
+from up_samp.execution.reports import Go, Hold
+from up_samp.operate.vda5050 import Agv, MasterControl
 
 SCHEMAS = Path(__file__).parents[3] / "shared" / "data" / "vda5050"
 FOLDERS = {"2.1.0": "2.1.0", "3.0.0": "main"}
@@ -160,3 +163,60 @@ def test_a_robot_that_is_gone_is_told_nothing(control):
     master.reports(1.0)
     assert not master.agvs["r0"].online
     assert master.faults[0][1].startswith("its connection is broken")
+
+
+STATE = {
+    "timestamp": "2026-01-01T10:00:01.000Z", "orderId": "a", "orderUpdateId": 1, "paused": False,
+    "lastNodeSequenceId": 2, "driving": True,
+    "nodeStates": [
+        {"sequenceId": 4, "released": True, "nodePosition": {"x": 2.0, "y": 2.0, "theta": 0.0}},
+        {"sequenceId": 6, "released": False},
+    ],
+    "actionStates": [{"actionId": "b", "actionStatus": "FINISHED"}],
+    "mobileRobotPosition": {"x": 1.5, "y": 2.0, "theta": 0.0, "localized": True},
+    "powerSupply": {"stateOfCharge": 80.0, "charging": False},
+}  # fmt: skip
+ODD = (
+    None, "x", [], {}, math.nan, math.inf, -1, 1e308, True, [1], [None], {"a": 1}, [[]], 10**400,
+)  # fmt: skip
+
+
+def oddly(rng, message):
+    """A message in which something, however deep, is something else, or which is no message."""
+    told, within = json.loads(json.dumps(message)), []
+    places = [told]
+    while places:
+        one = places.pop()
+        for key, value in one.items() if isinstance(one, dict) else enumerate(one):
+            within.append((one, key))
+            places += [value] if isinstance(value, dict | list) else []
+    one, key = rng.choice(within)
+    one[key] = rng.choice(ODD)
+    text = json.dumps(told)
+    return rng.choice((text, text, text, text[: rng.randrange(len(text))], "[" * 10**5, "[3]"))
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_what_a_robot_tells_oddly_is_its_fault_and_ends_nothing(tmp_path, seed):
+    rng, client = random.Random(seed), Client()
+    master = MasterControl(hall(tmp_path, 2).records, "h", client=client, version="3.0.0")
+    sheet = {"physicalParameters": {"maximumSpeed": 1.0, "length": 0.8}}
+    topics = [("state", STATE), ("visualization", STATE), ("factsheet", sheet)]
+    topics.append(("connection", {"connectionState": "ONLINE"}))
+    for k in range(400):
+        agv = master.agvs["r0"] = Agv("r0", True, dict(STATE), order="a", activity="a", update=1)
+        agv.known, agv.nodes = rng.random() < 0.5, [(0, 0.0), (4, 1.0)]
+        master._motions = {"a": {"progress": [0.0, 1.0], "samples": [[0, 1, 2, 0], [1, 2, 2, 0]]}}
+        topic, message = rng.choice(topics)
+        path = f"uagv/v3/up_samp/r0/{topic}"
+        told = oddly(rng, message).replace("10:00:01", "10:00:02")
+        client.on_message(None, None, SimpleNamespace(topic=path, payload=told))
+        errors = [r.error for r in master.reports(float(k)) if r.error is not None]
+        assert not any(map(math.isnan, errors))
+        master.tell({"r0": rng.choice((Go("a", 1.0), Go("a", 0.5), Hold(("x",))))}, float(k))
+    assert any(words.startswith("its state cannot be read") for _, words in master.faults)
+    client.on_message(
+        None, None, SimpleNamespace(topic="uagv/v3/up_samp/r1/state", payload=json.dumps(STATE))
+    )  # fmt: skip
+    (heard,) = master.reports(999.0)
+    assert (heard.robot, heard.pose) == ("r1", (1.5, 2.0, 0.0))

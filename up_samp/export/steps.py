@@ -200,6 +200,12 @@ class StepReader:
                 if happens[0] in ("reach", "leave"):
                     known = self.points.setdefault((happens[1], happens[2]), {})
                     known[tuple(happens)] = told[tuple(happens)]
+        for waits in self.waits.values():
+            for wait in waits:  # robots tell that they are done without waiting for its end
+                own = self.waits.get(wait.event, ()) if wait.event[0] == "end" else ()
+                waits += [
+                    more for w in own if (more := replace(w, lag=wait.lag + w.lag)) not in waits
+                ]
 
     def _kept_anyway(self, edge: Mapping[str, Any]) -> bool:
         """Return whether a robot that does its steps in order cannot break an edge."""

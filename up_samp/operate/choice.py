@@ -110,6 +110,15 @@ class Day:
         """Return the orders that are in no plan."""
         return [j for j in self.jobs.values() if j.state is OrderState.WAITING]
 
+    def unfinished(self, names: Iterable[str]) -> set[str]:
+        """Return which of some orders are still to be done, those that are still to come, too."""
+        return {n for n in names if n not in self.jobs or self.jobs[n].state.open}
+
+    def sure(self) -> set[str]:
+        """Return the orders that the plan brings to their ends, as things are."""
+        cut = self.cut()
+        return {*cut.jobs} - cut.carrying.keys()
+
     def off_plan(self) -> frozenset[str]:
         """Return the robots that do nothing of what the plan says, and stand at their poses."""
         return frozenset((*self.away, *self.placed))
@@ -366,13 +375,14 @@ def _handling(day: Day, job: DayOrder, robot: str) -> float:
 
 
 def ready(day: Day, job: DayOrder) -> bool:
-    """Return whether an order can be planned: it may begin soon, what comes before it is in the
-    plan, or over, and nobody stands for good where it is picked up or delivered.
+    """Return whether an order can be planned: it may begin soon, what comes before it is over, or
+    will be by the plan (not so what is on board of a robot that does nothing now), and nobody
+    stands for good where it is picked up or delivered.
     """
     if job.record.release > day.clock.now() + day.settings.soon:
         return False
-    before = (day.jobs.get(name) for name in job.record.after)
-    if not all(b is None or b.state is not OrderState.WAITING for b in before):
+    before = day.unfinished(job.record.after)
+    if before and not before <= day.sure():
         return False
     return all(_can_stop(day, stop) for stop in visited(job.record))
 
@@ -421,7 +431,9 @@ def _there(day: Day, job: DayOrder, robot: str, when: float, pose: Pose) -> floa
 
 
 def theirs(day: Day, robots: Mapping[str, Opened]) -> Sequence[DayOrder]:
-    """Return the orders of some robots that are in the plan and that nobody is on the way to."""
+    """Return the orders of some robots that are in the plan and that nobody is on the way to, as
+    far as they can still be planned.
+    """
     kept = set(day.cut(opened=robots).jobs)
     found = dict.fromkeys(
         m.what
@@ -432,7 +444,7 @@ def theirs(day: Day, robots: Mapping[str, Opened]) -> Sequence[DayOrder]:
         and m.what not in kept
     )
     jobs = (day.jobs[n] for n in found if n in day.jobs)
-    return [j for j in jobs if j.state is OrderState.PLANNED]
+    return [j for j in jobs if j.state is OrderState.PLANNED and ready(day, j)]
 
 
 def _shared_anew(day: Day) -> OpenWork | None:

@@ -19,7 +19,7 @@ from up_samp.execution.floor import Drive, Handled
 from up_samp.execution.judge import Contact, contacts_of
 from up_samp.fleet.fields import corners_of
 from up_samp.fleet.outlines import movable, rules_for
-from up_samp.fleet.records import FleetRecords, Order
+from up_samp.fleet.records import FleetRecords, Order, visited
 from up_samp.fleet.statements import Kind
 from up_samp.operate.records import DayOrder, OrderState, Pose, nothing_planned
 from up_samp.validation.collisions import JudgedShape, placed
@@ -66,6 +66,7 @@ def judge_day(
     handled: Sequence[Handled],
 ) -> DayVerdict:
     """Judge a day by its drives and by what was done at places."""
+    over = {h.what: h.end for h in handled if h.kind in ("deliver", "task")}
     lost: list[str] = []
     twice: list[str] = []
     elsewhere: list[str] = []
@@ -76,13 +77,22 @@ def judge_day(
             lost.append(name)
         if len(ends) > 1:
             twice.append(name)
-        early = (h for h in mine if h.start < job.record.release - 1e-6)
-        elsewhere += [f"'{name}' was begun at {h.start:.1f} s, before its release" for h in early]
+        early = (h for h in mine if h.start < _may_begin(job, h.kind, over) - 1e-6)
+        elsewhere += [f"'{name}' was begun at {h.start:.1f} s, before it might" for h in early]
         if isinstance(job.record, Order) and ends:
             elsewhere += _of_order(site, job.record, mine, initial, drives)
     met = contacts(site, initial, drives, handled)
     rules, crowds = tuple(unruly(site, drives)), tuple(crowded(site, initial, drives))
     return DayVerdict(tuple(met), tuple(lost), tuple(twice), tuple(elsewhere), rules, crowds)
+
+
+def _may_begin(job: DayOrder, kind: str, over: Mapping[str, float]) -> float:
+    """Return from when on (s of the day) something of an order may be done. ``over``: when others
+    were.
+    """
+    stop = visited(job.record)[0 if kind == "pick" else -1]
+    opens = min((job.came + window[0] for window in stop.window), default=0.0)
+    return max(job.record.release, opens, *(over.get(n, 0.0) for n in job.record.after))
 
 
 def crowded(

@@ -191,11 +191,17 @@ class Operation(Day):
         job = DayOrder(record, now if known is None else known.came)
         with self.store:
             self.store.put_job(job)
-            self.store.note(now, "order", job.id, "came" if known is None else "changed")
+            what = "came" if known is None else "changed"
+            self.store.note(now, "order", job.id, what, self._to_come(record))
             self.jobs[job.id] = job
             self._withdraw(job.id)
         self.want(f"order '{job.id}' {'came' if known is None else 'was changed'}")
         return job
+
+    def _to_come(self, record: Order | Task) -> str:
+        """Return which orders one waits for that have not come yet ("": none)."""
+        names = ", ".join(f"'{n}'" for n in record.after if n not in self.jobs)
+        return names and f"it comes after {names}: not known yet"
 
     def cancel(self, name: str) -> DayOrder:
         """Cancel an order that is not begun.
@@ -638,7 +644,7 @@ class Operation(Day):
             why = EVERY
         cut, chosen = self.cut(choice.opened), choice.jobs
         staying = [self.jobs[n] for n in cut.jobs if n in self.jobs]
-        carried = [(r, self.jobs[w].record) for w, r in cut.carrying.items()]
+        carried = [(r, self.jobs[w]) for w, r in cut.carrying.items()]
         self.number += 1
         question = Question(
             number=self.number,
@@ -646,10 +652,10 @@ class Operation(Day):
             folder=self.folder,
             cut=cut,
             kept=kept_of(self.executor, cut),
-            jobs=tuple(since_now(j.record, now, j.came) for j in chosen),
+            jobs=tuple(self._left(j, now) for j in chosen),
             robots=tuple(choice.opened),
             beside=choice.beside,
-            held=tuple((r, since_now(o, now, now)) for r, o in carried if isinstance(o, Order)),
+            held=tuple((r, since_now(j.record, now, j.came)) for r, j in carried),
             on_board=self.on_board(),
             areas=self.areas,
             shut=frozenset(n for n, state in self.shut.items() if state == OUT),
@@ -664,6 +670,11 @@ class Operation(Day):
         self._changed.clear()
         self.planner.ask(question)
         self._asked = question, now, why
+
+    def _left(self, job: DayOrder, now: float) -> Any:
+        """Return an order on the clock of a plan that begins ``now``, after what is not over."""
+        before = sorted(self.unfinished(job.record.after))
+        return replace(since_now(job.record, now, job.came), after=tuple(before))
 
     def choice(self) -> OpenWork | None:
         """Return what is planned next."""

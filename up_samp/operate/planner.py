@@ -85,6 +85,8 @@ NOT_YET: tuple[tuple[str, Callable[[Any, FleetRecords], object], str], ...] = (
     ("doors", lambda door, _: door.second, "door '{}' has two leaves: not operated yet"),
     ("automatic_doors", lambda door, _: door.shut,
      "automatic door '{}' has a timetable: not operated yet"),
+    ("automatic_doors", lambda door, _: door.airlock,
+     "automatic door '{}' is one of an airlock: not operated yet"),
     ("robot_types", lambda kind, site: kind.battery is not None and not charger_of(site),
      "robot type '{}' has a battery, and nobody can charge here"),
     ("robot_types", lambda kind, _: kind.unloading != "any",
@@ -185,18 +187,20 @@ def problem_records(ask: Question) -> FleetRecords:
         robots[name] = replace(robot, start=spot, end=robot.end if there else None, shift=None)
     loaded = {name for name, _ in ask.held}
     idle = [r for r in ask.robots if r not in loaded]
-    jobs: list[Order | Task] = []
+    jobs: list[Order | Task] = [_brought(o, name) for name, o in ask.held if name in ask.robots]
+    known = {j.id for j in (*ask.jobs, *jobs)}
+    sure = {j.id for j in ask.kept_jobs} - ask.cut.carrying.keys()
     for job in ask.jobs:
+        if never := {*job.after} - known - sure:
+            raise ProblemError(f"'{job.id}' comes after '{min(never)}', which nobody ends")
         able = tuple(r for r in idle if can_do(site, r, job) and _time_left(ask, r) > 0.0)
         if not able:
             raise ProblemError(f"nobody is there to do '{job.id}'")
         for name in able:  # home too; whom nothing is given goes there late rather than never
             shift = site.robots[name].shift and (0.0, _time_left(ask, name))
             robots[name] = replace(robots[name], shift=shift)
-        known = {j.id for j in ask.jobs}
         after = tuple(n for n in job.after if n in known)
         jobs.append(replace(job, robots=able, after=after))
-    jobs += [_brought(order, name) for name, order in ask.held if name in ask.robots]
     for name in idle if len(ask.robots) > 1 else ():
         units = math.ceil(ask.cut.free.get(name, 0.0) / site.seconds_per_unit)
         if units >= 1 and any(name in job.robots for job in jobs):
@@ -272,11 +276,11 @@ def _let_rest(ask: Question, places: dict[str, Place], pose: Pose) -> None:
 
 
 def _brought(order: Order, robot: str) -> Task:
-    """Return what is left of an order that a robot has already."""
+    """Return what is left of an order that a robot has already: rather late than never."""
     stop: Stop = order.delivery
     return Task(
         id=order.id, at=stop.at, duration=stop.service, resources=stop.resources, robots=(robot,),
-        due=order.due, weight=order.weight,
+        due=order.due, weight=order.weight, release=min((w[0] for w in stop.window), default=0.0),
     )  # fmt: skip
 
 

@@ -57,6 +57,20 @@ SHAPE = ("trajectory", "orientation", "orientationType", "rotationAllowed", "len
 TYPES = {"charge": "startCharging"}
 """What is called otherwise in the standard than here."""
 VERSIONS = ("2.0.0", "2.1.0", LATER)
+LISTS = ("nodeStates", "actionStates", "instantActionStates")
+NUMBERS = (
+    "orderUpdateId", "lastNodeSequenceId", "sequenceId", "x", "y", "theta", "deviationRange",
+    "batteryCharge", "localizationScore", "speedMax", "accelerationMax", "length", "width",
+)  # fmt: skip
+KINDS: dict[str, Any] = {
+    **dict.fromkeys(NUMBERS, (int, float)),
+    **dict.fromkeys(LISTS, list),
+    **dict.fromkeys((f"one of {key}" for key in LISTS), dict),
+    **dict.fromkeys(("message", "agvPosition", "nodePosition", "batteryState"), dict),
+    "physicalParameters": dict,
+    "orderId": str,
+}
+"""What is read of messages, and of which kind it is."""
 
 
 @dataclass
@@ -263,14 +277,15 @@ class MasterControl:
 
     def _read(self, name: str, topic: str, payload: bytes) -> None:
         agv = self.agvs.get(name)
+        if agv is None:
+            return
         try:
             data = json.loads(payload)
-        except ValueError:
+            data = _as_told(earlier(data) if self.version == LATER else data, "message")
+        except (ValueError, OverflowError, RecursionError) as error:
+            why = error if type(error) is ValueError else type(error).__name__
+            self._fault(name, f"its {topic} cannot be read: {why}")
             return
-        if agv is None or not isinstance(data, dict):
-            return
-        if self.version == LATER:
-            data = earlier(data)
         match topic:
             case "connection":
                 told = data.get("connectionState")
@@ -319,10 +334,10 @@ class MasterControl:
         kind = self.site.robot_types[self.site.robots[name].type]
         told = sheet.get("physicalParameters", {})
         for key, own in (("speedMax", kind.v_max), ("accelerationMax", kind.a_max)):
-            if isinstance(told.get(key), int | float) and told[key] < own - 1e-9:
+            if told.get(key, own) < own - 1e-9:
                 self._fault(name, f"its {key} is {told[key]:g}, in the site file {own:g}")
         for key, own in zip(("length", "width"), self._sides(name), strict=True):
-            if isinstance(told.get(key), int | float) and told[key] > own + 1e-3:
+            if told.get(key, own) > own + 1e-3:
                 self._fault(name, f"its {key} is {told[key]:g} m, in the site file {own:g}")
 
     def _sides(self, robot: str) -> tuple[float, float]:
@@ -654,6 +669,19 @@ def _pose_in(position: Message) -> Pose | None:
         return float(position["x"]), float(position["y"]), float(position["theta"])
     except (KeyError, TypeError, ValueError):
         return None
+
+
+def _as_told(value: Any, key: str) -> Any:
+    """Return what a message tells under a key, without what is null.
+
+    :raises ValueError: where that is not of its kind.
+    """
+    of_its_kind = isinstance(value, KINDS.get(key, object))
+    if not of_its_kind or (key in NUMBERS and not math.isfinite(value)):
+        raise ValueError(f"no '{key}' is like that")
+    if isinstance(value, dict):
+        return {k: _as_told(v, k) for k, v in value.items() if v is not None}
+    return [_as_told(v, f"one of {key}") for v in value] if isinstance(value, list) else value
 
 
 def _older(new: Message, old: Message) -> bool:

@@ -210,9 +210,7 @@ class Decided:
             return sum(self._real(a) for a in node.args)
         if node.is_minus():
             return self._real(node.arg(0)) - self._real(node.arg(1))
-        if node.is_parameter_exp():
-            return float(self.values[node.parameter().name].constant_value())
-        return float(node.constant_value())
+        return float(self(node).simplify().constant_value())
 
     def _was(self, node: FNode) -> float | None:
         """Return when a point in time was (units; ``None``: it is still to come)."""
@@ -228,13 +226,12 @@ class Decided:
             return self._timing(node)
         if self._has_none(node):
             return None
-        if not node.args or node.is_fluent_exp():
-            return self(node), 0, 0.0
-        nodes, counts, parts = zip(*filter(None, map(self._side, node.args)), strict=True)
         if not node.is_plus() and not node.is_minus():
-            if any(counts) and self.shift:
+            if any(n.is_timing_exp() for n in walk(node)):
                 raise UnsupportedError(f"'{node}' in a constraint: times can only be added")
-            return self._rebuilt(node, nodes), 0, 0.0
+            found = self(node)
+            return found.simplify() if node.args else found, 0, 0.0
+        nodes, counts, parts = zip(*filter(None, map(self._side, node.args)), strict=True)
         sign = -1 if node.is_minus() else 1
         total = counts[0] + sign * sum(counts[1:])
         more = parts[0] + sign * sum(parts[1:])

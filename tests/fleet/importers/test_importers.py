@@ -23,7 +23,7 @@ from up_samp.model import ProblemError, UnsupportedError
 from up_samp.validation import validate_plan
 
 SAMPLES = Path(__file__).parent / "samples"
-SHARED = Path(__file__).parents[4].parent / "shared" / "data"
+SHARED = Path(__file__).parents[4] / "shared" / "data"
 
 
 def imported(name, folder, **options):
@@ -120,6 +120,11 @@ def test_stations_and_nodes_of_a_lif_layout(tmp_path):
     )
     assert grid(tmp_path / "b").digest == load_map(maps / "corridor.yaml").digest
     assert not any("no walls" in note for note in again.notes)
+    layout = json.loads((SAMPLES / "small.lif.json").read_text())
+    layout["layouts"].append({**layout["layouts"][0], "layoutId": "upstairs"})
+    (tmp_path / "two.lif.json").write_text(json.dumps(layout))
+    notes = import_file(tmp_path / "two.lif.json", tmp_path / "c").notes
+    assert "other layouts were left out: upstairs" in notes
 
 
 def test_an_rmf_building(tmp_path):
@@ -151,6 +156,48 @@ def test_doors_of_an_rmf_building_open_as_robots_come(tmp_path):
     fleet.add_robot("r", "agv", "tiny_charger")
     fleet.add_task("t", "pantry", duration=1)
     assert [str(f) for f in fleet.check() if f.level.value == "error"] == []
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_an_rmf_building_in_metres_and_listed_otherwise_is_the_same(tmp_path, seed):
+    """With holes in its floor, over which nobody drives."""
+    rng = random.Random(f"rmf {seed}")
+    building = yaml.safe_load((SAMPLES / "small.building.yaml").read_text())
+    level = building["levels"]["L1"]
+    x, y, size = rng.randint(180, 240), rng.randint(120, 180), rng.choice((20, 40))
+    corners = [(x, y), (x + size, y), (x + size, y + size), (x, y + size)]
+    level["holes"] = [
+        {"parameters": {}, "vertices": [len(level["vertices"]) + k for k in range(4)]}
+    ]
+    level["vertices"] += [[a, b, 0, ""] for a, b in corners]
+    order = rng.sample(range(len(level["vertices"])), len(level["vertices"]))
+    at = {old: new for new, old in enumerate(order)}
+    other = json.loads(json.dumps(level))
+    other["vertices"] = [
+        [0.05 * v[0], -0.05 * v[1], *v[2:]] for v in map(level["vertices"].__getitem__, order)
+    ]
+    for key in ("walls", "lanes", "doors"):
+        other[key] = [[at[a], at[b], *rest] for a, b, *rest in other[key]]
+        rng.shuffle(other[key])
+    for key in ("floors", "holes"):
+        for area in other[key]:
+            area["vertices"] = [at[k] for k in area["vertices"]]
+    del other["measurements"]
+    metres = {"coordinate_system": "cartesian_meters", "levels": {"L1": other}}
+    read = []
+    for name, told in (("pixels", building), ("metres", metres)):
+        (tmp_path / f"{name}.building.yaml").write_text(yaml.safe_dump(told))
+        found = import_file(tmp_path / f"{name}.building.yaml", tmp_path / name)
+        records, site = read_problem_file(found.problem), grid(tmp_path / name)
+        read.append((site.digest, records.places, records.automatic_doors, records.lanes))
+        hole, beside = (0.05 * (x + size / 2), -0.05 * (y + size / 2)), (0.05 * (x - 5), -0.05 * y)
+        assert state_at(site, *hole) == "occupied"
+        assert state_at(site, *beside) == "free"
+    assert read[0] == read[1]
+    metres["coordinate_system"] = "wgs84"
+    (tmp_path / "x.building.yaml").write_text(yaml.safe_dump(metres))
+    with pytest.raises(UnsupportedError, match=r"x\.building\.yaml: coordinates of 'wgs84'"):
+        import_file(tmp_path / "x.building.yaml", tmp_path / "x")
 
 
 def test_robots_are_where_an_rmf_building_spawns_them(tmp_path):

@@ -28,6 +28,7 @@ from up_samp.fleet.importers.common import (
 from up_samp.fleet.importers.outlines import map_from_polygons
 from up_samp.fleet.outlines import convex_hull, swept
 from up_samp.geometry.maps import load_map, write_map
+from up_samp.model import UnsupportedError
 
 AGV = {"footprint": [1.0, 0.7], "model": "omni", "v_max": 1.0, "a_max": 0.5, "omega_max": 1.0}
 
@@ -47,7 +48,7 @@ def import_lif(source: Path, folder: Path, options: Options) -> Imported:
 
     LIF has no walls: give a map, or the floor is what lies around the nodes.
     """
-    layout = json_of(source)["layouts"][0]
+    layout, *others = json_of(source)["layouts"]
     nodes = {n["nodeId"]: n for n in layout["nodes"]}
     stations = layout.get("stations", [])
     at = {key: n["nodePosition"] for key, n in nodes.items()}
@@ -71,6 +72,7 @@ def import_lif(source: Path, folder: Path, options: Options) -> Imported:
             ]  # fmt: skip
     edges = _lif_edges(source, layout, points, places)
     zones, notes = lane_zones(edges)
+    notes += listed({"other layouts were left out": (str(o["layoutId"]) for o in others)})
     lanes = preferred_lanes(edges, {*places, *(e.name for e in edges)})
     if options.map is not None:
         grid = load_map(options.map)
@@ -119,28 +121,37 @@ def _theta(node: Mapping[str, Any]) -> float:
 
 
 def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
-    """Import the first level of an Open-RMF building map: floor, walls, named vertices.
+    """Import the first level of an Open-RMF building map: floor, walls, holes, named vertices.
 
-    Pixels become m by the level's measurements; y points up. Chargers and parking spots are places
-    to park, holding points are places, too; a robot stands where one is spawned. Doors open as
-    robots come; lanes with one direction or a limit of speed become zones, those of two directions
-    are preferred.
+    Pixels become m by the level's measurements (coordinates may be m already); y points up.
+    Chargers and parking spots are places to park, holding points are places, too; a robot stands
+    where one is spawned. Doors open as robots come; lanes with one direction or a limit of speed
+    become zones, those of two directions are preferred.
     """
     root = compose(source, text_of(source))
-    levels = yaml.SafeLoader("").construct_document(root)["levels"]
+    building = yaml.SafeLoader("").construct_document(root)
+    levels = building["levels"]
     if not levels:
         raise wrong(source, None, "it has no level")
     name, level = next(iter(levels.items()))
     vertices = level["vertices"]
-    scale = _scale(source, level)
-    points = [(number_of(scale * v[0]), number_of(-scale * v[1])) for v in vertices]
-    floors = [Polygon([points[i] for i in f["vertices"]]) for f in level.get("floors", [])]
+    match building.get("coordinate_system", "reference_image"):
+        case "reference_image":
+            scale, up = _scale(source, level), -1.0
+        case "cartesian_meters":
+            scale, up = 1.0, 1.0
+        case other:
+            raise UnsupportedError(f"{source}: coordinates of '{other}': only pixels, or metres")
+    points = [(number_of(scale * v[0]), number_of(up * scale * v[1])) for v in vertices]
+    floors, holes = (
+        [Polygon([points[i] for i in f["vertices"]]) for f in level.get(key, ())]
+        for key in ("floors", "holes")
+    )
     if not floors:
         raise wrong(source, None, f"level '{name}' has no floor")
-    walls = [LineString([points[w[0]], points[w[1]]]) for w in level.get("walls", [])]
-    free = unary_union(floors)
-    if walls:
-        free = free.difference(unary_union(walls).buffer(RMF_WALL / 2, cap_style="square"))
+    walls = [LineString([points[w[0]], points[w[1]]]) for w in level.get("walls", ())]
+    solid = unary_union(walls).buffer(RMF_WALL / 2, cap_style="square")
+    free = unary_union(floors).difference(unary_union([solid, *holes]))
     low = free.bounds[:2]
     places, chargers, robots = _rmf_places(vertices, points)
     edges = _rmf_lanes(level, points, places)
@@ -151,6 +162,7 @@ def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
         f"doors open as robots come, in {OPENS:g} s: say opens_in": list(doors),
         f"chargers give {CHARGING:g} a second, once robots have a battery": chargers,
         "other levels were left out": list(levels)[1:],
+        "lifts were left out": building.get("lifts") or (),
     }
     notes += listed(told)
     notes.append("headings are 0; robots' footprint and limits are assumed; add robots and orders")

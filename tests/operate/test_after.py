@@ -1,0 +1,59 @@
+"""What comes after an order on board of a robot that does nothing waits for it, and what is brought
+from where that stands then is not brought before its time.
+"""
+
+import random
+
+import pytest
+
+from tests.operate.days import Day
+from tests.operate.sites import hall
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_nothing_begins_before_what_it_comes_after_or_its_window(tmp_path, seed):
+    rng = random.Random(f"after {seed}")
+    fleet = hall(tmp_path, 0)
+    for k in rng.sample(range(2), 2):
+        fleet.add_place(f"home{k}", 1.5, 1.5 + 1.6 * k)
+        fleet.add_robot(f"r{k}", "agv", start=f"home{k}", end=f"home{k}")
+    day = Day(tmp_path, fleet=fleet, seed=seed)
+    opens = rng.choice((90, 140))
+    first = {"pickup": "rack0", "robots": ["r0"]}
+    first["delivery"] = {"at": "dock0", "window": [[opens, opens + 200]]}
+    then = {"pickup": "shelf2", "delivery": "dock2", "after": ["first"], "robots": ["r1"]}
+    last = {"at": "dock1", "duration": 3, "after": ["then", "first"]}
+    later = [("then", then), ("last", last), ("free", {"at": "rack2", "duration": 2})]
+    early = rng.random() < 0.5  # they are in a plan before r0 leaves, or come after that
+    try:
+        day.operation.add(dict(rng.sample([("id", "first"), *first.items()], 4)))
+        day.until(lambda: day.operation.on_board() or early, 60)
+        for name, record in rng.sample(later, 3):
+            day.operation.add({"id": name, **record})
+        day.until(day.operation.on_board, 60)
+        day.operation.leave("r0")
+        day.until(lambda: day.state("free") == "done", 60)
+        day.operation.leave("r0", "moved", here := (3.0, 6.0, 1.0))
+        day.robots.put("r0", here)
+        day.operation.join("r0", here)
+        day.run()
+        ends = {h.what: h.end for h in day.robots.handled if h.kind != "pick"}
+        assert [*sorted(ends, key=ends.get)][1:] == ["first", "then", "last"]
+        assert day.verdict().good, (day.verdict(), day.story())
+    finally:
+        day.operation.close()
+
+
+def test_what_comes_before_may_come_later(tmp_path):
+    day = Day(tmp_path, robots=2)
+    try:
+        day.order("then", "rack0", "dock0", after=["first"])
+        assert "it comes after 'first': not known yet" in day.story()
+        day.until(lambda: day.clock.now() >= 12.0)
+        assert day.state("then") == "waiting"
+        day.order("first", "shelf1", "dock1")
+        day.run()
+        assert [h.what for h in day.robots.handled] == ["first", "first", "then", "then"]
+        assert day.verdict().good, (day.verdict(), day.story())
+    finally:
+        day.operation.close()
