@@ -2,10 +2,13 @@
 another, and where that fails, too, they happen one after another.
 """
 
+import random
+
 import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import OneshotPlanner
 
+from tests.shuffled import shuffled
 from tests.upio.hall import Hall
 from up_samp.model import CandidateSchedule, GroupReport, Outcome, ScheduledMotion
 from up_samp.motion import MotionService
@@ -77,21 +80,41 @@ def test_motions_that_are_decided_in_turn_happen_side_by_side(tmp_path, clumsy):
     assert spans[1][0] < spans[0][1]
 
 
-def test_who_is_in_the_way_goes_first(tmp_path, narrow):
-    """One robot stands in the gap: only in one of two orders can they drive one after another."""
-    hall = Hall(tmp_path, robots=2)
-    gap = hall.pose("gap", 10.0, 5.0, 0.0)
-    hall.problem.initial_configuration[:] = [
-        (o, p) for o, p in hall.problem.initial_configuration if str(o) != "r1"
-    ]
-    hall.problem.set_initial_configuration(hall.robots[1], gap)
-    hall.move("go0", 0, "left0", "right0", bounds=(1, 100))
-    hall.move("go1", 1, "gap", "right1", bounds=(1, 100))
+def standing_in_the_gap(folder, seed):
+    """Two or three robots, each with one drive; one of them stands in the gap. Return the problem
+    and that one's drive.
+    """
+    rng, robots = random.Random(f"in the way {seed}"), 2 + seed % 2
+    hall = Hall(folder, robots=robots)
+    hall.problem.initial_configuration.clear()
+    hall.pose("gap", 10.0, 5.0, 0.0)
+    first = rng.randrange(robots)
+    for k in range(robots):
+        sides = rng.sample([("near", 3.0), ("far", 17.0)], 2)
+        for side, x in sides:
+            hall.pose(f"{side}{k}", x, 2.0 + 3.0 * k, 0.0)
+        here, there = (f"{side}{k}" for side, _ in sides)
+        here = "gap" if k == first else here
+        hall.problem.set_initial_configuration(hall.robots[k], hall.poses[here])
+        hall.move(f"go{k}", k, here, there, bounds=(1, 100))
+    return hall.problem, f"go{first}"
+
+
+@pytest.mark.parametrize(
+    "seed", [0, 1, 2, *(pytest.param(s, marks=pytest.mark.long) for s in range(3, 30))]
+)
+def test_who_is_in_the_way_goes_first(tmp_path, narrow, seed):
+    """One robot stands in the gap: only if it goes first can they drive one after another."""
+    problem, first = standing_in_the_gap(tmp_path, seed)
+    told = shuffled(problem, seed)
     with OneshotPlanner(name="samp-refine[cpsat]", params={"first_plan": True}) as planner:
-        result = planner.solve(hall.problem, timeout=60)
-    assert result.status is Status.SOLVED_SATISFICING
-    times = {a.name: int(str(result.plan.get(a.start))) for a in result.plan.activities}
-    assert times["go1"] < times["go0"]
+        result = planner.solve(told.problem, timeout=20)
+    assert result.status is Status.SOLVED_SATISFICING, result.log_messages
+    plan = told.back(result.plan)
+    assert validate_plan(problem, plan).valid
+    times = {a.name: int(str(plan.get(a.start))) for a in plan.activities}
+    assert min(times, key=times.get) == first
+    assert result.metrics["rounds"] == "1"
 
 
 def test_a_search_without_a_plan_uses_its_time(tmp_path, monkeypatch):

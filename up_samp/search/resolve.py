@@ -367,7 +367,10 @@ def begin_soon(search: Search, plan: Incumbent) -> Incumbent | None:
     sooner, if one is found: a makespan says nothing of waits that end before it. (Without any
     metric a plan is to be like the one that it began from.)
     """
-    relaxation, old = search.knowledge.relaxation, plan.schedule.times
+    relaxation = search.knowledge.relaxation
+    old = {
+        name: span for name, span in plan.schedule.times.items() if name in relaxation.activities
+    }
     if not relaxation.problem.quality_metrics or not only_makespan(relaxation.problem):
         return None
     search.tell.stage(Phase.TIDY)
@@ -377,7 +380,7 @@ def begin_soon(search: Search, plan: Incumbent) -> Incumbent | None:
         manager.LE(a.start, old[a.name][0] - more): 1
         for a in problem.activities
         for more in _SLACK
-        if more <= old[a.name][0]
+        if a.name in old and more <= old[a.name][0]
     }
     _prefer(problem, goals, plan.schedule.makespan)
     small = Subproblem(search, problem, STEP_EFFORT)
@@ -431,9 +434,7 @@ def _with_motions_optional(
     """Return the problem of a schedule's activities and of the weighted ones, which are optional;
     all of it ends by ``until``.
     """
-    twins = {twin.name for twin in relaxation.elsewhere}
-    free = frozenset(weights) | (twins & set(schedule.times))
-    problem = restrict(relaxation, schedule, free=free)
+    problem = restrict(relaxation, schedule, free=frozenset(weights))
     manager = problem.environment.expression_manager
     present = {a.name: a.present for a in problem.activities if a.name in weights}
     _prefer(problem, {manager.Not(p): weights[n] for n, p in present.items()}, until)

@@ -65,7 +65,8 @@ class Relaxation:
     moves the object sets it ``early[o]`` units (0 or 1) before its end.
 
     ``choices``: what a configuration hangs on that is no constant, by its activity, its term, and
-    whether it is read at the activity's end.
+    whether it is read at the activity's end. ``elsewhere``: auxiliary activities, which witness
+    that something is not at some place, and while which activity.
     """
 
     problem: SchedulingProblem
@@ -73,7 +74,7 @@ class Relaxation:
     rewriter: Rewriter
     state: dict[str, FNode]
     activities: dict[str, Activity] = field(default_factory=dict)
-    elsewhere: list[Activity] = field(default_factory=list)
+    elsewhere: dict[str, str] = field(default_factory=dict)
     choices: dict[tuple[str, Term, bool], ConfigurationChoice] = field(default_factory=dict)
     variables: dict[str, Parameter] = field(default_factory=dict)
     early: dict[str, int] = field(default_factory=dict)

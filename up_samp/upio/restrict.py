@@ -276,9 +276,19 @@ def restrict(
 ) -> SchedulingProblem:
     """Return the relaxation with all that was learned, with presence decided as in ``schedule``:
     present activities mandatory, others gone, motions between the same configurations. Those that
-    are ``free``, present or not, may be left out.
+    are ``free``, present or not, may be left out; so may those that only witness where something
+    is meanwhile: in another order it may be elsewhere.
     """
-    problem = _restricted(relaxation, schedule.times.keys() | free, free)
+    names = schedule.times.keys() | free
+    witnesses = {name for name, main in relaxation.elsewhere.items() if main in names}
+    problem = _restricted(relaxation, names | witnesses, free | witnesses)
+    _keep_decisions(relaxation, problem, schedule)
+    return problem
+
+
+def decided(relaxation: Relaxation, schedule: CandidateSchedule) -> SchedulingProblem:
+    """Return the same with nothing left to decide but times."""
+    problem = _restricted(relaxation, schedule.times.keys(), frozenset())
     _keep_decisions(relaxation, problem, schedule)
     return problem
 
@@ -297,14 +307,14 @@ def parts_for_engines(
     snapshot = relaxation.snapshot
     movers = snapshot.by_activity.keys() | {c.activity for c in snapshot.changes}
     movers &= optional
-    twins = {twin.name for twin in relaxation.elsewhere}
+    twins = relaxation.elsewhere.keys()
     everything = relaxation.activities.keys() | twins
     parts: dict[str, Callable[[], SchedulingProblem]]
     parts = {"the whole": partial(_restricted, relaxation, everything, optional)}
     if schedule is not None:
         wider = movers | twins | schedule.times.keys()
         parts = {
-            "what our own scheduler drew": partial(restrict, relaxation, schedule),
+            "what our own scheduler drew": partial(decided, relaxation, schedule),
             "that and all moves": partial(_restricted, relaxation, wider, movers | twins),
             **parts,
         }

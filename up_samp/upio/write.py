@@ -128,7 +128,7 @@ def _elsewhere(relaxation: Relaxation, literal: Elsewhere) -> FNode:
     if main.optional:
         problem.add_constraint(manager.Implies(twin.present, main.present))
     problem._activities.append(twin)
-    relaxation.elsewhere.append(twin)
+    relaxation.elsewhere[twin.name] = main.name
     return twin.present
 
 

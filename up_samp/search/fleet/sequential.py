@@ -29,7 +29,7 @@ from up_samp.scheduling.partial_order.differences import HORIZON, ZERO
 from up_samp.search.fleet.right_of_way import Driven
 from up_samp.search.search import Search
 from up_samp.upio import Itinerary
-from up_samp.upio.restrict import restrict
+from up_samp.upio.restrict import decided
 
 
 def can_decide(search: Search, itinerary: Itinerary) -> bool:
@@ -64,7 +64,7 @@ def times_of(
     :param lengths: units that activities are to take at least, beside what the problem asks.
     """
     schedule, facts = itinerary.schedule, search.facts
-    problem = restrict(search.knowledge.relaxation, schedule)
+    problem = decided(search.knowledge.relaxation, schedule)
     try:
         planned = Planned(read_plain(problem, objective=False), schedule.times, schedule.parameters)
         differences = [o.difference for o in orders_of(planned, facts.snapshot)]
