@@ -106,7 +106,7 @@ def test_executed_with_delays_nobody_meets(carried):
         assert run.makespan >= run.planned
 
 
-SEEDS = [(0, True), *(pytest.param(k, False, marks=pytest.mark.long) for k in range(12))]
+SEEDS = [(2, True), *(pytest.param(k, False, marks=pytest.mark.long) for k in range(12))]
 
 
 @pytest.mark.parametrize(("seed", "first"), SEEDS)

@@ -26,6 +26,7 @@ from tests.search.test_end_to_end import solve
 from tests.search.test_parameters import EACH_INSTALLED, EACH_PROVING, INSTALLED, PROVING, choice_of
 from tests.search.test_tidy import idle_fleet
 from tests.upio.hall import Hall, write_hall
+from up_samp.search import budget
 from up_samp.validation import validate_plan
 
 
@@ -193,7 +194,8 @@ def test_an_engine_is_not_believed_against_a_shorter_schedule(tmp_path):
     assert "not believed" in result.log_messages[0].message
 
 
-def test_a_search_that_has_nothing_left_to_try_says_so_before_its_time_is_over():
+def test_a_search_that_has_nothing_left_to_try_says_so_before_its_time_is_over(monkeypatch):
+    monkeypatch.setattr(budget, "_STALE_RESTARTS", 2)
     fleet = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "factory.py"))["fleet"]
     fleet._hold(replace(fleet.records, objective="makespan"))
     result = fleet.solve(timeout=900, patience=math.inf)

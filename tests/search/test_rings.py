@@ -64,7 +64,7 @@ def test_two_pass_each_other_in_a_pocket_that_holds_one(tmp_path):
     assert solve(problem_of(row, tmp_path)).plan is not None
 
 
-@pytest.mark.parametrize("seeds", [range(3), pytest.param(range(3, 40), marks=pytest.mark.long)])
+@pytest.mark.parametrize("seeds", [range(2), pytest.param(range(2, 40), marks=pytest.mark.long)])
 def test_what_a_known_plan_does_is_never_called_impossible(seeds, tmp_path):
     for seed in seeds:
         try:

@@ -215,7 +215,7 @@ def crossing():
     return scene.problem
 
 
-@pytest.mark.parametrize("relative", [False, True])
+@pytest.mark.parametrize("relative", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_no_order_of_two_robots_is_a_proof(relative):
     """One of them is late on its fastest way, and off it: that it would be on any is not known."""
     result, strengths = optimum(crossing(), relative=relative)

@@ -126,6 +126,8 @@ _QUICK_EFFORT = {
 }
 """Expansions without a motion, after which a proof over positions and headings is tried; by whether
 a body may drive backwards (who may, and turns on the spot, is hardly ever trapped), and planner."""
+SECOND_OPINION = 2.0
+"""s: for each planner that is asked after another one found nothing."""
 _MORE_TIME = 1.2
 """A search that was cut short is done again where there is so many times its time."""
 
@@ -203,10 +205,10 @@ class Legs:
         """Ask planners one after the other."""
         reasons, complete = [], True
         for name in names:
-            # the first planner ends by itself where it can, later ones are second opinions of 2 s
+            # the first planner ends by itself where it can, later ones are second opinions
             limit = 0.75 * deadline.remaining() if len(names) > 1 else None
             if name != names[0]:
-                limit = 2.0
+                limit = SECOND_OPINION
             asked = self._asked(name, query)
             found = self._lazily(name, asked, deadline.within(limit), complete)
             if isinstance(found, PathReport):

@@ -179,7 +179,12 @@ def drawn(ax: Axes) -> None:
     if figure.canvas.manager is None and not hasattr(figure.canvas, "get_renderer"):
         # else each look at a text's size makes a whole picture: gigabytes for 200 names
         FigureCanvasAgg(figure)
+    images = [image for axes in figure.axes for image in axes.get_images() if image.get_visible()]
+    for image in images:  # they move nothing, and take most of the time
+        image.set_visible(False)
     figure.draw_without_rendering()
+    for image in images:
+        image.set_visible(True)
 
 
 def _place(ax: Axes, label: PlacedLabel, taken: Sequence[Bbox], frame: Bbox) -> Annotation | None:

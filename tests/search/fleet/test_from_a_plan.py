@@ -52,7 +52,7 @@ DRAWN = {
 }
 
 
-LONG = {"warehouse 3", "warehouse 4", "warehouse 5", "doors"}
+LONG = {*(f"warehouse {seed}" for seed in range(1, 6)), "doors"}
 EACH = [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in DRAWN]
 
 

@@ -262,6 +262,7 @@ def test_no_schedule_of_a_crowded_world_is_shorter_than_the_bound():
     assert max(shares) == 1.0
 
 
+@pytest.mark.usefixtures("no_second_opinions")
 def test_no_schedule_of_a_small_fleet_is_shorter_than_the_bound():
     shares = [s for s in (check_crowded(n, small_fleet) for n in (1, 11, 13)) if s is not None]
     assert len(shares) == 3

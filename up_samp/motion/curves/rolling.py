@@ -11,6 +11,7 @@ arcs see :mod:`.slowing`).
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Iterator, Sequence
@@ -227,7 +228,10 @@ rates.
 """
 
 
-def swerves(start: Configuration, goal: Configuration, kinematics: Kinematics) -> list[FloatArray]:
+@functools.lru_cache(1_000)  # asked again among other obstacles
+def swerves(
+    start: Configuration, goal: Configuration, kinematics: Kinematics
+) -> tuple[FloatArray, ...]:
     """Return such ways, poses (n, 3) with constant twists between, the fastest one first: ahead,
     and backwards where the body may drive so. What it has no room for is turned on the spot.
     """
@@ -235,7 +239,7 @@ def swerves(start: Configuration, goal: Configuration, kinematics: Kinematics) -
     found = [*_swerves(start, goal, kinematics, next(shares))]
     if not found:
         found = [rows for spot in shares for rows in _swerves(start, goal, kinematics, spot)]
-    return sorted(found, key=lambda rows: rolling_time(rows, kinematics))
+    return tuple(sorted(found, key=lambda rows: rolling_time(rows, kinematics)))
 
 
 def _swerves(
@@ -269,9 +273,18 @@ def _setting_off(
     side, start = math.copysign(1.0, turn), pose[2] + share * turn
     there, turned = _driven((1.0 - share) * abs(turn), kinematics)
     there = (there.real + 1j * side * there.imag) * ahead * np.exp(1j * start)
-    rows = np.column_stack((there.real, there.imag, start + side * turned))
-    rows[:, :2] += pose[:2]
-    return np.concatenate([pose[None], rows])
+    rows = np.empty((len(there) + 1, 3))
+    rows[0] = pose
+    rows[1:, 0], rows[1:, 1], rows[1:, 2] = there.real, there.imag, start + side * turned
+    rows[1:, :2] += pose[:2]
+    return rows
+
+
+_ARCS = np.arange(1, 2 + math.floor((2.0 * math.pi + GRAIN) / GRAIN))
+_TURNS = 1.0 - 0.5 / _ARCS
+"""By how many grains each arc of an involute turns, up to half a turn: by half of one or more."""
+_ENDS = GRAIN * np.cumsum(_TURNS)
+_SUMS = [float(_TURNS[:n].sum()) for n in range(len(_ARCS) + 1)]
 
 
 def _driven(turn: float, kinematics: Kinematics) -> tuple[ComplexArray, FloatArray]:
@@ -280,19 +293,19 @@ def _driven(turn: float, kinematics: Kinematics) -> tuple[ComplexArray, FloatArr
     drive a little faster than it is at its end (samples are rounded where they are kept).
     """
     v, a, omega = kinematics.v_max, kinematics.a_max, SLOWER * kinematics.omega_max
-    # turns (rad) by so many arcs that take as long as a turn of GRAIN, of which each turns by half
-    # of that or more
-    number = np.arange(1, 1 + math.floor(min(v * omega / a, 2.0 * turn + GRAIN) / GRAIN))
-    each = 1.0 - 0.5 / number
-    most = min(len(number), 1 + int(np.searchsorted(GRAIN * np.cumsum(each), turn)))
-    number, each = number[:most], each[:most]
-    grain = min(GRAIN, turn / each.sum()) if most else 0.0
-    left = max(turn - grain * float(each.sum()), 0.0)  # at top speed
+    most = math.floor(min(v * omega / a, 2.0 * turn + GRAIN) / GRAIN)
+    most = min(most, 1 + int(_ENDS.searchsorted(turn)))
+    grain = min(GRAIN, turn / _SUMS[most]) if most else 0.0
+    left = max(turn - grain * _SUMS[most], 0.0)  # at top speed
     arcs = math.ceil(left / MOST_TURN)
-    turns = np.concatenate([grain * each, np.full(arcs, left / max(arcs, 1))])
-    radii = np.concatenate([a / omega**2 * grain * number, np.full(arcs, v / omega)])
-    if np.any(radii < 2.0 * ON_SPOT):  # as good as on the spot, and timed as such
+    least = min(a / omega**2 * grain if most else math.inf, v / omega if arcs else math.inf)
+    if least < 2.0 * ON_SPOT:  # as good as on the spot, and timed as such
         return np.zeros(2, dtype=np.complex128), np.array([0.0, turn])
-    turned = np.concatenate([[0.0], np.cumsum(turns)])
+    turns, radii, turned = np.empty(most + arcs), np.empty(most + arcs), np.zeros(most + arcs + 1)
+    turns[:most], turns[most:] = grain * _TURNS[:most], left / max(arcs, 1)
+    radii[:most], radii[most:] = a / omega**2 * grain * _ARCS[:most], v / omega
+    turns.cumsum(out=turned[1:])
+    there = np.zeros(most + arcs + 1, dtype=np.complex128)
     chords = 2.0 * radii * np.sin(0.5 * turns) * np.exp(1j * (turned[:-1] + 0.5 * turns))
-    return np.concatenate([[0.0], np.cumsum(chords)]), turned
+    chords.cumsum(out=there[1:])
+    return there, turned

@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from up_samp.geometry.memory import Memory
 from up_samp.model import Deadline, Rest, TimedMotion
 from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.space_time import proposer_of
@@ -57,6 +58,7 @@ class MovingGroup:
     """Objects that were in the way of best paths."""
     ended: str = ""
     """What ended the search for better runs."""
+    _planned: Memory[tuple[TimedPath | None, bool]] = field(default_factory=lambda: Memory(2_000))
 
     def __post_init__(self) -> None:
         due = {name: (m.release, m.due, name) for name, m in self.motions.items()}
@@ -127,8 +129,24 @@ class MovingGroup:
         return replace(motion, present_from=min(since, release), release=release)
 
     def plan(self, name: str, runs: Runs, without: Collection[str] = ()) -> TimedPath | None:
-        """Return the earliest run found of a motion among ``runs``, but those ``without``."""
+        """Return the earliest run found of a motion among ``runs``, but those ``without``: small
+        groups ask the same again and again.
+        """
         self.budget.used += 1
+        ways = self.ways[name]
+        known = frozenset(ways)
+        key = name, frozenset(runs.items()), frozenset(without), known
+        run, sought = self._planned.get(key) or self._sought(name, runs, without)
+        if sought:
+            self._forget(name, run)
+        if known == frozenset(ways):  # else there are more ways to try next time
+            self._planned.put(key, (run, sought))
+        return run
+
+    def _sought(
+        self, name: str, runs: Runs, without: Collection[str]
+    ) -> tuple[TimedPath | None, bool]:
+        """Return the earliest run found, and whether other ways than those known were looked at."""
         motion = self.after_last(name, runs)
         others = self.others(name, {n: run for n, run in runs.items() if n not in without})
         best: TimedPath | None = None
@@ -137,7 +155,7 @@ class MovingGroup:
         for way in sorted(ways, key=lambda way: (way.fastest, way.number))[:2]:
             best = fit(self.workspace, motion, way, others, best)
         if best is not None and best.arrival <= enough:
-            return best
+            return best, False
         proposer = proposer_of(self.workspace)
         for wide in (False, True):
             if proposer is None or (best is not None and best.arrival <= enough):
@@ -149,8 +167,7 @@ class MovingGroup:
                 best = fit(self.workspace, motion, proposed, others, best)
         for way in sorted(ways, key=lambda way: (way.fastest, way.number)):
             best = fit(self.workspace, motion, way, others, best)
-        self._forget(name, best)
-        return best
+        return best, True
 
     def _forget(self, name: str, best: TimedPath | None) -> None:
         """Keep the eight ways that were of use last, the best one alone among them."""

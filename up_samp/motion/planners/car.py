@@ -522,7 +522,7 @@ class PivotPlanner:
         line = turning[1:-1] if len(turning) == 4 else turning[:1]
         if nearest < most and first_hit(world, line) < 0:
             # with a limit to how fast a turn begins there are no such bends at a rest
-            bent = swerves(start, goal, kin) if math.isinf(kin.alpha_max) else []
+            bent = swerves(start, goal, kin) if math.isinf(kin.alpha_max) else ()
             quick = (rows for rows in (*bent, turning) if rolling_time(rows, kin) < most)
             yield from (rows for rows in quick if first_hit(world, rows) < 0)
 

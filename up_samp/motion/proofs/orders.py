@@ -148,13 +148,13 @@ def reached(blocks: Sequence[Blocks], reaches: Sequence[float], start: Sequence[
     :raises OutOfTimeError: where the deadline in force comes before.
     """
     shape = [*(len(spans) for _, spans, *_ in blocks), 2 * PASSED + 1]
-    free = _farthest(*(whole for _, whole, *_ in blocks)) >= sum(reaches)
-    seen = np.zeros(shape, dtype=np.bool_)
+    free = (_farthest(*(whole for _, whole, *_ in blocks)) >= sum(reaches)).ravel()
+    seen, mark = np.zeros(math.prod(shape), dtype=np.bool_), np.empty(math.prod(shape), np.int64)
     new = np.ravel_multi_index([np.array([at]) for at in (*start, PASSED)], shape)
     passed = False
     while len(new) and not passed:
         check_time()
-        seen.flat[new] = True
+        seen[new] = True
         passed = bool(np.isin(new % shape[-1], (0, 2 * PASSED)).any())
         at, steps = np.unravel_index(new, shape), []
         for axis, (_, _, beside, turns) in enumerate(blocks):
@@ -162,9 +162,12 @@ def reached(blocks: Sequence[Blocks], reaches: Sequence[float], start: Sequence[
             moved[axis] = beside[at[axis]]
             moved[-1] = moved[-1] + (1 - 2 * axis) * turns[at[axis]]
             steps.append(np.ravel_multi_index(np.broadcast_arrays(*moved), shape).ravel())
-        new = np.concatenate(steps)  # most is known: to sort it all takes longer
-        new = np.unique(new[free.flat[new // shape[-1]] & ~seen.flat[new]])
-    return seen
+        new = np.concatenate(steps)
+        new = new[free[new // shape[-1]] & ~seen[new]]
+        numbers = np.arange(len(new))
+        mark[new] = numbers
+        new = new[mark[new] == numbers]  # each once: to sort them takes longer
+    return seen.reshape(shape)
 
 
 def _farthest(one: FloatArray, other: FloatArray) -> FloatArray:

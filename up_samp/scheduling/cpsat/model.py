@@ -23,6 +23,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
     clauses_of,
     compare,
     constant,
+    copied,
     disjunction,
 )
 from up_samp.scheduling.cpsat.encode.objective import Encoding, ends_in_time, lasts
@@ -399,7 +400,7 @@ class ScheduleModel:
         Times of absent activities are capped too, which costs nothing. Small domains make
         precedence cycles fail at once.
         """
-        copy = self.store.model.clone()
+        copy = copied(self.store.model)
         variables = copy.proto.variables
         for var in self.variables.time_variables():
             domain = variables[self.store.position(var)].domain
