@@ -43,6 +43,7 @@ from up_samp.model import (
     ScheduledMotion,
     UnsupportedError,
 )
+from up_samp.model.graphs import grouped
 from up_samp.model.refinement import Given, Literal
 from up_samp.model.snapshot import Snapshot, Term, TermKind
 from up_samp.upio.expressions import chronicles_of, constraints_of, walk, with_parameter
@@ -134,10 +135,8 @@ class Relaxation:
     @cached_property
     def given_effects(self) -> dict[Fluent, list[Effect]]:
         """The effects on each of the problem's own fluents (states that are added have others)."""
-        found: dict[Fluent, list[Effect]] = {}
-        for _, effect, _ in self.problem.all_effects():
-            found.setdefault(effect.fluent.fluent(), []).append(effect)
-        return found
+        effects = (effect for _, effect, _ in self.problem.all_effects())
+        return grouped(effects, lambda effect: effect.fluent.fluent())
 
 
 def choose(

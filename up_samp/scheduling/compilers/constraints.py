@@ -9,8 +9,10 @@ import itertools
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 from up_samp.model import UnsupportedError, check_time
+from up_samp.model.graphs import grouped
 from up_samp.scheduling.compilers.plain import (
     FALSE,
     TRUE,
@@ -74,13 +76,11 @@ def _sum(expression: Expr) -> Expr | None:
 def compile_rules(problem: PlainProblem) -> Compiled:
     """Add the rules as constraints, as far as effects can break them."""
     constraints: list[Expr] = []
-    by_instant: dict[tuple[Expr, Expr], list[Effect]] = defaultdict(list)
     for effect in problem.effects:
-        by_instant[effect.time, effect.fluent].append(effect)
         if effect.time[3] < 0:
             absent = negation(problem.presence(effect.owner))
             constraints.append(disjunction([absent, ("le", integer(0), effect.time)]))
-    for effects in by_instant.values():
+    for effects in grouped(problem.effects, attrgetter("time", "fluent")).values():
         for a, b in itertools.combinations(effects, 2):
             counted = a.kind != "assign" and b.kind != "assign"
             certain = not (fluents_in(a.condition) or fluents_in(b.condition))
@@ -367,11 +367,8 @@ def _resources(problem: PlainProblem) -> Iterator[tuple[Expr, int, dict[str, int
     """Yield the fluents (without arguments) that are resources: how much there is, and how much
     each activity takes.
     """
-    effects: dict[Expr, list[Effect]] = defaultdict(list)
-    for effect in problem.effects:
-        effects[effect.fluent].append(effect)
     read = {f for expression in problem.read() for f in fluents_in(expression)}
-    for fluent, changes in effects.items():
+    for fluent, changes in grouped(problem.effects, attrgetter("fluent")).items():
         if fluent in read or len(fluent) > 2:
             continue
         amounts = amounts_taken(changes)

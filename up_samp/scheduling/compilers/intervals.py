@@ -4,10 +4,11 @@ time is dense, empty ones, those that only keep others away, and those that need
 
 from __future__ import annotations
 
-from collections import defaultdict
 from dataclasses import replace
+from operator import attrgetter
 
 from up_samp.model import UnsupportedError
+from up_samp.model.graphs import grouped
 from up_samp.scheduling.compilers.fluents import (
     comes_after,
     comes_before,
@@ -214,9 +215,7 @@ def compile_stillness(problem: PlainProblem) -> Compiled:
     """Turn tautologies over a fluent without arguments into constraints; drop conditions over
     a part of the interval of an equal one.
     """
-    effects: dict[Expr, list[Effect]] = defaultdict(list)
-    for effect in problem.effects:
-        effects[effect.fluent].append(effect)
+    effects = grouped(problem.effects, attrgetter("fluent"))
     constraints: list[Expr] = []
     conditions: dict[Condition, None] = {}
     for condition in problem.conditions:
@@ -225,7 +224,9 @@ def compile_stillness(problem: PlainProblem) -> Compiled:
             conditions[condition] = None
         else:
             constraints += [
-                outside(problem, condition, e) for e in effects[fluent] if not condition.lets(e)
+                outside(problem, condition, e)
+                for e in effects.get(fluent, ())
+                if not condition.lets(e)
             ]
     return Compiled(
         replace(
@@ -252,9 +253,7 @@ def _still(condition: Condition) -> Expr | None:
 
 
 def _without_implied(conditions: list[Condition]) -> list[Condition]:
-    by_content: dict[tuple[str | None, Expr], list[Condition]] = defaultdict(list)
-    for condition in conditions:
-        by_content[condition.owner, condition.expression].append(condition)
+    by_content = grouped(conditions, attrgetter("owner", "expression"))
     return [
         c
         for c in conditions
