@@ -24,11 +24,11 @@ from up_samp.fleet.jobs import JobRules, add_buffers, add_loads, add_setups
 from up_samp.fleet.records import FleetRecords
 from up_samp.fleet.site import Site
 from up_samp.fleet.spelled_out import spelled_out
-from up_samp.fleet.statements import Kind, Written, one_at_a_time, present
+from up_samp.fleet.statements import Kind, Written, one_at_a_time
 from up_samp.fleet.work import Work
 from up_samp.model.graphs import grouped
 from up_samp.model.objective import Cost, MinimizeCosts
-from up_samp.upio.expressions import effects_of
+from up_samp.upio.expressions import effects_of, present
 
 
 def write_problem(records: FleetRecords, folder: Path) -> Written:

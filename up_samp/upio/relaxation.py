@@ -46,7 +46,7 @@ from up_samp.model import (
 from up_samp.model.graphs import grouped
 from up_samp.model.refinement import Given, Literal
 from up_samp.model.snapshot import Snapshot, Term, TermKind
-from up_samp.upio.expressions import chronicles_of, constraints_of, walk, with_parameter
+from up_samp.upio.expressions import chronicles_of, constraints_of, present, walk, with_parameter
 from up_samp.upio.movers import FluentChanges, changes_of
 
 
@@ -107,7 +107,7 @@ class Relaxation:
 
     def constrain(self, expression: FNode, *activities: Activity) -> None:
         """Add a constraint that binds where these activities are present."""
-        self.problem.add_constraint(expression, [a.present for a in activities if a.optional])
+        self.problem.add_constraint(expression, present(*activities))
 
     @cached_property
     def unary(self) -> dict[FNode, list[FNode]]:
