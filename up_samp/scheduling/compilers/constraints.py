@@ -86,9 +86,7 @@ def compile_rules(problem: PlainProblem) -> Compiled:
             certain = not (fluents_in(a.condition) or fluents_in(b.condition))
             if certain and not counted and a.owner == b.owner:
                 constraints.append(disjunction(negation(problem.happens(e)) for e in (a, b)))
-    if not constraints:
-        return Compiled(problem)
-    return Compiled(replace(problem, constraints=(*problem.constraints, *constraints)))
+    return Compiled(problem.saying(constraints))
 
 
 def compile_differences(problem: PlainProblem) -> Compiled:
@@ -343,13 +341,10 @@ def compile_resources(problem: PlainProblem, most: int = 5000) -> Compiled:
                 f"resource {show(fluent)}: too many sets of activities take more "
                 f"than {capacity} together"
             )
-    if not gone:
-        return Compiled(problem)
     names = {f[1] for f in gone}
     return Compiled(
-        replace(
-            problem,
-            constraints=(*problem.constraints, *constraints),
+        problem.saying(
+            constraints,
             effects=tuple(e for e in problem.effects if e.fluent not in gone),
             fluents={n: f for n, f in problem.fluents.items() if n not in names},
             initial={k: v for k, v in problem.initial.items() if k[1] not in names},
