@@ -23,10 +23,11 @@ from up_samp.io import (
     write_plan,
 )
 from up_samp.io.precision import PRECISION
-from up_samp.io.sampling import path_trajectory, rows_trajectory, trajectory_rows
+from up_samp.io.sampling import rows_trajectory, trajectory_rows
 from up_samp.model import ProblemError, Trajectory, interpolate
 from up_samp.model.refinement import ABSOLUTE, RELATIVE
 from up_samp.plotting.gantt import title_of
+from up_samp.upio.plan import path_trajectory
 
 ROOT = Path(__file__).parents[2]
 KEYS = [

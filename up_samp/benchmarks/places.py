@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import shapely
-from unified_planning.model import FNode, TimePointInterval, Timing, Type
+from unified_planning.model import Type
 from unified_planning.model.motion import (
     SE2,
     ConfigurationKind,
@@ -33,7 +33,6 @@ from unified_planning.model.motion import (
     OccupancyMap,
     SchedulingMotionProblem,
 )
-from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import ConfigurationType, MinimizeMakespan
 
 from up_samp.geometry.maps import write_map
@@ -142,16 +141,6 @@ def least_duration(a: Pose, b: Pose, a_max: float) -> int:
     else:
         seconds = distance / fastest + fastest / a_max
     return max(1, math.floor(seconds))
-
-
-def at_start(a: Activity) -> TimePointInterval:
-    """Return the instant at which ``a`` starts, as the time of a condition."""
-    return TimePointInterval(Timing(0, a.start))
-
-
-def scope_of(*activities: Activity) -> list[FNode]:
-    """Return the scope "all these activities are present"."""
-    return [a.present for a in activities if a.optional]
 
 
 def outline(footprint: Sequence[tuple[float, float]], pose: Pose) -> shapely.Polygon:

@@ -40,10 +40,9 @@ from up_samp.benchmarks.places import (
     FamilyDoor,
     FamilyFloor,
     ProblemOnMap,
-    at_start,
     least_duration,
-    scope_of,
 )
+from up_samp.upio.expressions import at_start, present
 
 
 @cache
@@ -83,13 +82,11 @@ def needed(need: Need) -> FNode:
             continue
         begin = h.start
         kept = [
-            Implies(present, Or(LE(r.end, begin), after))
-            for r, present, after in rivals
-            if r is not h
+            Implies(there, Or(LE(r.end, begin), after)) for r, there, after in rivals if r is not h
         ]
         ways.append(And([h.present, LE(h.end, a.start), *kept]))
     if initially:
-        ways.append(And([Implies(present, after) for _, present, after in rivals]))
+        ways.append(And([Implies(there, after) for _, there, after in rivals]))
     return Or(ways)
 
 
@@ -326,7 +323,7 @@ class Form(ProblemOnMap):
         """Keep each pair of ``activities`` apart, if both are present."""
         for a, b in itertools.combinations(activities, 2):
             apart = Or(LE(a.end, b.start), GE(a.start, b.end))
-            self.problem.add_constraint(apart, scope=scope_of(a, b))
+            self.problem.add_constraint(apart, scope=present(a, b))
 
     def end_at(self, places: dict[int, ConfigurationObject]) -> None:
         """Let robots (by number) be at ``places`` when everything is over (with fluents)."""

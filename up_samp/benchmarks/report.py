@@ -6,10 +6,10 @@ import re
 import statistics
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TypeVar
 
 from up_samp.benchmarks.instances import instances
 from up_samp.benchmarks.runner import Record, RunSpec
+from up_samp.model.graphs import grouped
 
 GROUPS = ("OC-DO", "OC-DC", "ALL-DO", "ALL-DC", "JSP")
 SIZES = (24, 24, 24, 24, 36)
@@ -24,8 +24,6 @@ PAPER: dict[str, tuple[float, ...]] = {
 }
 """Table 1 of the paper: solved per group, in total, and mean seconds of the solved (1800 s and
 20 GB per instance, means of three runs, AMD EPYC 7413)."""
-
-_Key = TypeVar("_Key")
 
 
 def solved(record: Record) -> bool:
@@ -47,14 +45,6 @@ def column(record: Record) -> str:
     """Return the column that a record counts under."""
     fields = RunSpec.__dataclass_fields__
     return RunSpec(**{k: record[k] for k in fields}).column
-
-
-def _by(records: Sequence[Record], key: Callable[[Record], _Key]) -> dict[_Key, list[Record]]:
-    """Return the records by what ``key`` says of each, in order of appearance."""
-    found: dict[_Key, list[Record]] = {}
-    for record in records:
-        found.setdefault(key(record), []).append(record)
-    return found
 
 
 def _groups() -> dict[str, str]:
@@ -106,9 +96,9 @@ def table_one(records: Sequence[Record]) -> str:
     rows = [["engine", *sizes]]
     for title, figures in PAPER.items():
         rows.append([f"paper: {title}", *(f"{v:g}" for v in figures)])
-    for title, ours in _by([r for r in records if r["instance"] in group_of], column).items():
+    for title, ours in grouped([r for r in records if r["instance"] in group_of], column).items():
         repeats = len({r["number"] for r in ours})
-        parts = _by(ours, lambda r: group_of[r["instance"]])
+        parts = grouped(ours, lambda r: group_of[r["instance"]])
         cells = [_solved_cell(parts.get(group, ()), repeats) for group in GROUPS]
         seconds = [r["seconds"] for r in ours if counts(r)]
         mean = f"{statistics.fmean(seconds):.3g}" if seconds else "-"
@@ -133,7 +123,7 @@ def table_drawn(records: Sequence[Record]) -> str:
         seed = re.search(r"-s(\d+)$", rest)
         return family, column(record), int(seed[1]) if seed else 0
 
-    runs = _by(records, place)
+    runs = grouped(records, place)
     seeds = sorted({seed for *_, seed in runs})
     rows = [["family", "engine", *(f"seed {seed}" for seed in seeds)]]
     for head in dict.fromkeys((family, title) for family, title, _ in runs):
@@ -164,7 +154,7 @@ def table_instances(records: Sequence[Record]) -> str:
     """Return a row per instance with the makespan, bound and time of each column's first run."""
     names = {r["instance"] for r in records}
     published = [name for name in _groups() if name in names]
-    titles, runs = _by(records, column), _by(records, lambda r: (r["instance"], column(r)))
+    titles, runs = grouped(records, column), grouped(records, lambda r: (r["instance"], column(r)))
     rows = [["instance", *titles]]
     for name in (*published, *sorted(names - set(published))):
         rows.append([name, *(_outcome(runs.get((name, title), ())) for title in titles)])

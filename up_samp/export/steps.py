@@ -15,6 +15,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from up_samp.io.precision import PRECISION
 from up_samp.io.sampling import in_formation
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.arrays import FloatArray
+from up_samp.model.graphs import grouped
 
 # ------------------ What robots drive, piece by piece, without a stop in between
 
@@ -189,9 +191,7 @@ class StepReader:
         self.frames = own_frames(plan)
         self.puts = {(c["activity"], c["object"]): c for c in plan["changes"]}
         self.drivers = {m["object"] for m in plan["motions"]}
-        self.motions: dict[str, list[Mapping[str, Any]]] = {}
-        for motion in plan["motions"]:
-            self.motions.setdefault(motion["activity"], []).append(motion)
+        self.motions = grouped(plan["motions"], itemgetter("activity"))
         for edge in plan["dependencies"]["edges"]:
             if not self._kept_anyway(edge):
                 wait = StepWait(tuple(edge["first"]), float(edge["lag"]), edge["why"])

@@ -15,6 +15,7 @@ import json
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from up_samp.io.floors import map_number, maps_of, named_maps, own_frames
 from up_samp.io.precision import PRECISION
 from up_samp.model import ProblemError
 from up_samp.model.arrays import FloatArray
+from up_samp.model.graphs import grouped
 
 VERSION = "2.1.0"
 LATER = "3.0.0"
@@ -357,9 +359,7 @@ def _sorted(
     """
     known = {event for step in others for event in (*step.begins, *step.happens)}
     released: dict[str, At] = {}
-    queues: dict[str, list[Release]] = {}
-    for release in releases:
-        queues.setdefault(release[1], []).append(release)
+    queues = grouped(releases, itemgetter(1))
 
     def can_go(release: Release) -> bool:
         needed = (w.event for w in release[3] if w.event not in known and w.event[0] != "origin")

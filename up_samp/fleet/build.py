@@ -24,10 +24,11 @@ from up_samp.fleet.jobs import JobRules, add_buffers, add_loads, add_setups
 from up_samp.fleet.records import FleetRecords
 from up_samp.fleet.site import Site
 from up_samp.fleet.spelled_out import spelled_out
-from up_samp.fleet.statements import Kind, Written, one_at_a_time, present
+from up_samp.fleet.statements import Kind, Written, one_at_a_time
 from up_samp.fleet.work import Work
+from up_samp.model.graphs import grouped
 from up_samp.model.objective import Cost, MinimizeCosts
-from up_samp.upio.expressions import effects_of
+from up_samp.upio.expressions import effects_of, present
 
 
 def write_problem(records: FleetRecords, folder: Path) -> Written:
@@ -195,10 +196,7 @@ TERMS: Mapping[str, Callable[[Site, Work], Iterable[Amount]]] = {
 
 
 def _by_robot(site: Site) -> dict[str, list[Activity]]:
-    found: dict[str, list[Activity]] = {}
-    for a in _drives(site):
-        found.setdefault(site.meanings[a.name].robot, []).append(a)
-    return found
+    return grouped(_drives(site), lambda a: site.meanings[a.name].robot)
 
 
 def _drives(site: Site) -> Iterator[Activity]:

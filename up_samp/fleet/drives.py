@@ -34,10 +34,11 @@ from up_samp.fleet.loads import (
 from up_samp.fleet.outlines import area_of
 from up_samp.fleet.records import GROUND, Order, RobotType, can_do
 from up_samp.fleet.site import Site
-from up_samp.fleet.statements import Kind, Meaning, at_start, present
+from up_samp.fleet.statements import Kind, Meaning
 from up_samp.fleet.visits import Successions, check_visits, moves_needed
 from up_samp.fleet.work import Work
 from up_samp.model import Placed
+from up_samp.upio.expressions import at_start, present
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,16 +31,15 @@ from up_samp.fleet.site import Site
 from up_samp.fleet.statements import (
     Kind,
     Meaning,
-    at_start,
     ends_before,
     exactly_one,
     one_at_a_time,
     only_with,
-    present,
     together,
 )
 from up_samp.fleet.visits import ENDS, JOBS, fit
 from up_samp.fleet.work import Work
+from up_samp.upio.expressions import at_start, present
 
 
 def add_loads(site: Site, work: Work, robot: str) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
@@ -44,6 +44,7 @@ from up_samp.fleet.fields import (
     Windows,
 )
 from up_samp.io.precision import PRECISION
+from up_samp.model.graphs import grouped
 
 
 @dataclass(frozen=True)
@@ -679,13 +680,9 @@ class FleetRecords:
         return tuple(order for order in self.orders if order.pickup.on == robot)
 
     @cached_property
-    def bringers(self) -> Mapping[str, tuple[Order, ...]]:
-        """By task, the orders that bring parts to its machine."""
-        found: dict[str, tuple[Order, ...]] = {}
-        for order in self.orders:
-            if order.delivery.task is not None:
-                found[order.delivery.task] = (*found.get(order.delivery.task, ()), order)
-        return found
+    def bringers(self) -> Mapping[str | None, Sequence[Order]]:
+        """By task, the orders that bring parts to its machine (None: those that bring none)."""
+        return grouped(self.orders, lambda order: order.delivery.task)
 
     @cached_property
     def crews(self) -> frozenset[str]:
@@ -693,13 +690,10 @@ class FleetRecords:
         return frozenset(n for o in self.orders if o.together for n in (o.id, *o.together))
 
     @cached_property
-    def takers(self) -> Mapping[str, tuple[Order, ...]]:
+    def takers(self) -> Mapping[Any, Sequence[Order]]:
         """By order, those that take its load on."""
-        found: dict[str, tuple[Order, ...]] = {}
-        for order in self.orders:
-            if isinstance(order.attached, str):
-                found[order.attached] = (*found.get(order.attached, ()), order)
-        return found
+        taking = (order for order in self.orders if isinstance(order.attached, str))
+        return grouped(taking, lambda order: order.attached)
 
 
 # ------------------ Which robots can do which jobs

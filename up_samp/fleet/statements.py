@@ -10,14 +10,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from unified_planning.model import FNode, TimePointInterval, Timing
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity
-from unified_planning.model.timing import LeftOpenTimeInterval
 from unified_planning.shortcuts import LE, Not, Or
 
 from up_samp.fleet.loads import MARK
 from up_samp.fleet.records import FleetRecords
+from up_samp.upio.expressions import present
 
 
 class Kind(enum.Enum):
@@ -64,21 +63,6 @@ class Written:
 
 
 # ------------------ What several parts of a fleet problem state of activities, in one way
-
-
-def at_start(a: Activity) -> TimePointInterval:
-    """Return the instant at which ``a`` starts."""
-    return TimePointInterval(Timing(0, a.start))
-
-
-def while_there(a: Activity) -> LeftOpenTimeInterval:
-    """Return ``(start, end]`` of ``a``: a move may end as it begins."""
-    return LeftOpenTimeInterval(Timing(0, a.start), Timing(0, a.end))
-
-
-def present(*activities: Activity) -> list[FNode]:
-    """Return what must hold for all ``activities`` to be there."""
-    return [a.present for a in activities if a.optional]
 
 
 def only_with(problem: SchedulingMotionProblem, a: Activity, b: Activity) -> None:

@@ -15,13 +15,11 @@ from up_samp.fleet.site import Site
 from up_samp.fleet.statements import (
     Kind,
     Meaning,
-    at_start,
     ends_before,
     only_with,
-    present,
-    while_there,
 )
 from up_samp.fleet.visits import ENDS, WORK, Visit, visits_of
+from up_samp.upio.expressions import at_start, present, whole
 
 
 class Work:
@@ -118,7 +116,7 @@ class Work:
         else:
             a = site.problem.add_activity(name, duration=units, optional=True)
         here = [Equals(site.at[visit.robot], site.spots[p]) for p in visit.places]
-        a.add_condition(while_there(a), here[0] if len(here) == 1 else Or(here))
+        a.add_condition(whole(a), here[0] if len(here) == 1 else Or(here))
         self._limit(a, windows, resources)
         self.activities[visit] = a
         self.busy[visit.robot].append(a)
@@ -157,7 +155,7 @@ class Work:
         def step(number: int, seconds: float) -> Activity:
             name = site.fresh(f"{visit.name}_{number}", meaning_of(visit))
             a = problem.add_activity(name, site.up(seconds), optional=True)
-            a.add_condition(while_there(a), Equals(at, site.spots[visit.what]))
+            a.add_condition(whole(a), Equals(at, site.spots[visit.what]))
             self.busy[visit.robot].append(a)
             return a
 

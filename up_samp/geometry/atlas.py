@@ -188,7 +188,7 @@ def _common_cell(maps: Sequence[PlacedMap], grids: Sequence[OccupancyGrid]) -> f
 
 def _check_apart(snapshot: Snapshot, grids: Sequence[OccupancyGrid]) -> None:
     """Raise where two maps of one height share ground: whose walls would count there?"""
-    grounds = [_ground(grid) for grid in grids]
+    grounds = [shapely.Polygon(grid.corners) for grid in grids]
     reach = _resting_reach(snapshot)
     for i, j in itertools.combinations(range(len(grids)), 2):
         one, other = snapshot.maps[i], snapshot.maps[j]
@@ -209,14 +209,6 @@ def _check_apart(snapshot: Snapshot, grids: Sequence[OccupancyGrid]) -> None:
                         f"{snapshot.maps[a].label}, may reach onto map {snapshot.maps[b].label} "
                         "beside it: state both as one map"
                     )
-
-
-def _ground(grid: OccupancyGrid) -> shapely.Polygon:
-    width, height = grid.size
-    corners = Frame(*grid.origin).out(
-        [(0, 0, 0), (width, 0, 0), (width, height, 0), (0, height, 0)]
-    )
-    return shapely.Polygon(corners[:, :2])
 
 
 def _resting_reach(snapshot: Snapshot) -> Mapping[str, tuple[str, float]]:

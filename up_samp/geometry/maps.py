@@ -7,7 +7,6 @@ over them. They are kept apart from occupied cells only for messages and picture
 from __future__ import annotations
 
 import hashlib
-import itertools
 import math
 import warnings
 from collections.abc import Callable, Mapping
@@ -24,6 +23,7 @@ from PIL import Image
 from up_samp.model import ProblemError, SampError, check_time
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.model.errors import short
+from up_samp.model.frames import Frame
 from up_samp.system.files import whole, write_whole
 
 Judge = Callable[[FloatArray, BoolArray], tuple[BoolArray, BoolArray]]
@@ -120,12 +120,15 @@ class OccupancyGrid:
         return h.hexdigest()[:32]
 
     @cached_property
+    def corners(self) -> FloatArray:
+        """The corners (4, 2) of the map in the world frame (m), counter-clockwise."""
+        wide, tall = self.size
+        return Frame(*self.origin).points([(0, 0), (wide, 0), (wide, tall), (0, tall)])
+
+    @cached_property
     def box(self) -> tuple[FloatArray, FloatArray]:
         """The least and the largest x and y (m) of the map in the world frame, (2,) each."""
-        rows, cols = self.shape
-        corners = itertools.product((-0.5, rows - 0.5), (-0.5, cols - 0.5))
-        points = np.array(list(itertools.starmap(self.point_of, corners)))
-        return points.min(axis=0), points.max(axis=0)
+        return self.corners.min(axis=0), self.corners.max(axis=0)
 
     def cells_of(self, points: npt.ArrayLike) -> IntArray:
         """Return the (row, col) of world ``points`` of shape (n, 2); may lie outside the map."""

@@ -15,13 +15,13 @@ from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Schedule
 
 from up_samp.io.precision import PRECISION
-from up_samp.io.sampling import path_trajectory, trajectory_rows
-from up_samp.model import Configuration, Movable, ProblemError, TrafficZone, Trajectory
+from up_samp.io.sampling import trajectory_rows
+from up_samp.model import Configuration, Movable, ProblemError, TrafficZone
 from up_samp.model.frames import PlacedMap
 from up_samp.model.refinement import ABSOLUTE
-from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
+from up_samp.model.snapshot import ChangeTask, Snapshot, Term, TermKind
 from up_samp.upio.movers import named_as_planned
-from up_samp.upio.plan import figures_told, trajectory_key, words_told
+from up_samp.upio.plan import figures_told, trajectories, trajectory_key, words_told
 from up_samp.upio.read import read_problem
 
 # ------------------ Plans as plain dictionaries
@@ -297,37 +297,26 @@ def _motions(
     snapshot: Snapshot,
     times: Mapping[str, tuple[float, float]],
 ) -> list[dict[str, Any]]:
+    timed = trajectories(plan, snapshot.seconds_per_unit)
     entries = []
     for task in snapshot.tasks:
         if task.activity not in times:
             continue
-        start = times[task.activity][0] * snapshot.seconds_per_unit
-        trajectory = _trajectory(plan, task, start)
+        key = trajectory_key(task.activity, task.index)
+        if key not in timed:
+            raise ProblemError(
+                f"the plan has neither a trajectory nor a path for '{task.object}' in activity "
+                f"'{task.activity}'"
+            )
         entries.append(
             {
                 "activity": task.activity,
                 "object": task.object,
-                "samples": trajectory_rows(trajectory),
+                "samples": trajectory_rows(timed[key]),
                 **on_map(snapshot, task.map),
             }
         )
     return sorted(entries, key=lambda e: (times[e["activity"]][0], e["samples"][0][0]))
-
-
-def _trajectory(plan: Schedule, task: MotionTask, start: float) -> Trajectory:
-    """Return the plan's own trajectory of a motion, or the one that its UP path tells."""
-    timed: Mapping[Any, Trajectory] = getattr(plan, "trajectories", {})
-    key = trajectory_key(task.activity, task.index)
-    if key in timed:
-        return timed[key]
-    for (activity, constraint), path in getattr(plan, "motion_paths", {}).items():
-        same = activity.name == task.activity and constraint.movable.is_object_exp()
-        if same and constraint.movable.object().name == task.object:
-            return path_trajectory(path, start, task.activity)
-    raise ProblemError(
-        f"the plan has neither a trajectory nor a path for '{task.object}' in activity "
-        f"'{task.activity}'"
-    )
 
 
 def described_changes(

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from unified_planning.engines import PlanGenerationResultStatus
 from unified_planning.model.motion import SchedulingMotionProblem
 
@@ -134,8 +135,9 @@ def poses_beyond(problem: SchedulingMotionProblem, plan: PlanDict) -> list[str]:
     and round: nobody can have planned them, and sweeping them has no end.
     """
     snapshot = read_problem(named_as_planned(problem, plan), plan["seconds_per_unit"])
-    limits = [_limits(m) for m in snapshot.maps]
-    everywhere = (-math.inf, -math.inf), (math.inf, math.inf)
+    grids = [in_world(m) for m in snapshot.maps]
+    limits = [(g.box[0] - math.hypot(*g.size), g.box[1] + math.hypot(*g.size)) for g in grids]
+    everywhere = np.full(2, -np.inf), np.full(2, np.inf)
     found = []
     for motion in plan["motions"]:
         what = f"the motion of '{motion['object']}' in activity '{motion['activity']}'"
@@ -149,17 +151,6 @@ def poses_beyond(problem: SchedulingMotionProblem, plan: PlanDict) -> list[str]:
                 found.append(f"{what} leads to ({place}) at {row[0]:g} s, far from the map")
                 break
     return found
-
-
-def _limits(placed: PlacedMap) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the lowest and highest coordinates within a map's length of it."""
-    grid = in_world(placed)
-    rows, cols = grid.shape
-    corners = [grid.point_of(r, c) for r in (0, rows) for c in (0, cols)]
-    reach = math.hypot(*grid.size)
-    low = min(x for x, _ in corners) - reach, min(y for _, y in corners) - reach
-    high = max(x for x, _ in corners) + reach, max(y for _, y in corners) + reach
-    return low, high
 
 
 def _head(plan: PlanDict, snapshot: Snapshot) -> Iterator[str]:

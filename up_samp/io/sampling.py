@@ -1,4 +1,4 @@
-"""Motions as the rows that plan files hold: of trajectories, of UP paths, of what travels along."""
+"""Motions as the rows that plan files hold: of trajectories, of what travels along."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-from unified_planning.model.motion import SE2Path, SE2WithControlsPath, SE3Path
 
 from up_samp.io.precision import PRECISION
-from up_samp.model import ProblemError, Trajectory, interpolate
+from up_samp.model import Trajectory, interpolate
 from up_samp.model.arrays import FloatArray
 
 
@@ -65,54 +64,6 @@ def rows_trajectory(rows: list[list[float]]) -> Trajectory:
     """Return the trajectory whose samples are ``[[t, *pose], ...]``."""
     table = np.asarray(rows, dtype=np.float64)
     return Trajectory(table[:, 0].copy(), table[:, 1:].copy())
-
-
-def path_trajectory(path: object, start: float, activity: str) -> Trajectory:
-    """Return the timed motion along a UP path that starts at ``start`` (s, plan time).
-
-    A ``SE2WithControlsPath`` is read as pieces of constant twist: from each pose its linear
-    velocity (m/s, along the heading) and angular velocity (rad/s) hold for its duration (s).
-    Paths without times cannot be written to a plan file: :class:`ProblemError`.
-    """
-    if isinstance(path, SE2Path | SE3Path) or not isinstance(path, SE2WithControlsPath):
-        raise ProblemError(
-            f"the path of activity '{activity}' ({type(path).__name__}) says nothing about time; "
-            "a plan needs a trajectory or a SE2WithControlsPath for every motion"
-        )
-    if not path.path:
-        raise ProblemError(f"the path of activity '{activity}' is empty")
-    times: list[float] = [start]
-    poses: list[tuple[float, float, float]] = []
-    turned = 0.0
-    for index, (pose, speed, turn, seconds) in enumerate(path.path):
-        theta = pose.theta
-        if poses:
-            # continuous heading: the representation nearest to where the last piece ended
-            theta += 2 * math.pi * round((turned - theta) / (2 * math.pi))
-        here = (float(pose.x), float(pose.y), float(theta))
-        poses.append(here)
-        if seconds > 0:
-            after = _after(here, speed, turn, seconds)
-            turned = after[2]
-            times.append(times[-1] + seconds)
-            if index == len(path.path) - 1:
-                poses.append(after)
-        else:
-            turned = theta
-            if index < len(path.path) - 1:
-                poses.pop()
-    return Trajectory(np.asarray(times[: len(poses)]), np.asarray(poses, dtype=np.float64))
-
-
-def _after(
-    pose: tuple[float, float, float], speed: float, turn: float, seconds: float
-) -> tuple[float, float, float]:
-    """Return the pose after driving an arc: unicycle model, exact integration."""
-    x, y, theta = pose
-    half = turn * seconds / 2
-    chord = speed * seconds * float(np.sinc(half / math.pi))
-    ahead = theta + half
-    return x + chord * math.cos(ahead), y + chord * math.sin(ahead), theta + 2 * half
 
 
 # ------------------ What travels with others, and who drives along by itself

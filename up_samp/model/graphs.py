@@ -1,4 +1,4 @@
-"""What can be come to in a graph."""
+"""What can be come to in a graph; things by a key."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable, Hashable, Iterable
 from typing import TypeVar
 
 Node = TypeVar("Node", bound=Hashable)
+Item = TypeVar("Item")
 
 
 def reached(first: Iterable[Node], after: Callable[[Node], Iterable[Node]]) -> set[Node]:
@@ -18,4 +19,12 @@ def reached(first: Iterable[Node], after: Callable[[Node], Iterable[Node]]) -> s
         new = set(after(todo.pop())) - found
         found |= new
         todo += new
+    return found
+
+
+def grouped(items: Iterable[Item], key: Callable[[Item], Node]) -> dict[Node, list[Item]]:
+    """Return things by what the key tells of them, in their order."""
+    found: dict[Node, list[Item]] = {}
+    for item in items:
+        found.setdefault(key(item), []).append(item)
     return found

@@ -47,39 +47,35 @@ class Layer(enum.Enum):
     GROUP = "group"
 
 
-class Anchor(enum.Enum):
-    """Which timepoint of an activity."""
-
-    START = "start"
-    END = "end"
-
-
 @dataclass(frozen=True)
 class TimeRef:
     """The start or end of an activity."""
 
     activity: str
-    end: Anchor
+    at_end: bool
 
     def of(self, times: Mapping[str, tuple[int, int]]) -> int:
         """Return when that is in a schedule (units)."""
         start, end = times[self.activity]
-        return start if self.end is Anchor.START else end
+        return end if self.at_end else start
+
+    def __str__(self) -> str:
+        return f"{self.activity}.{'end' if self.at_end else 'start'}"
 
 
 def start_of(activity: str) -> TimeRef:
     """Return the reference to an activity's start."""
-    return TimeRef(activity, Anchor.START)
+    return TimeRef(activity, at_end=False)
 
 
 def end_of(activity: str) -> TimeRef:
     """Return the reference to an activity's end."""
-    return TimeRef(activity, Anchor.END)
+    return TimeRef(activity, at_end=True)
 
 
 @dataclass(frozen=True)
-class Absent:
-    """The activity is not in the schedule."""
+class OfOne:
+    """What is said of one activity."""
 
     activity: str
 
@@ -87,6 +83,11 @@ class Absent:
     def activities(self) -> tuple[str, ...]:
         """What it speaks of."""
         return (self.activity,)
+
+
+@dataclass(frozen=True)
+class Absent(OfOne):
+    """The activity is not in the schedule."""
 
     def holds(self, schedule: CandidateSchedule, places: Places) -> bool:
         """Return whether a schedule satisfies it."""
@@ -116,24 +117,15 @@ class Apart:
         return there and self.later.of(times) - self.earlier.of(times) >= self.at_least
 
     def __str__(self) -> str:
-        return (
-            f"{self.later.activity}.{self.later.end.value} - "
-            f"{self.earlier.activity}.{self.earlier.end.value} >= {self.at_least}"
-        )
+        return f"{self.later} - {self.earlier} >= {self.at_least}"
 
 
 @dataclass(frozen=True)
-class Elsewhere:
+class Elsewhere(OfOne):
     """While ``activity`` lasts, ``object`` is not at ``configuration`` (the paper's CHCONF)."""
 
-    activity: str
     object: str
     configuration: str
-
-    @property
-    def activities(self) -> tuple[str, ...]:
-        """What it speaks of."""
-        return (self.activity,)
 
     def holds(self, schedule: CandidateSchedule, places: Places) -> bool:
         """Return whether a schedule satisfies it."""
@@ -221,16 +213,10 @@ class Clause:
 
 
 @dataclass(frozen=True)
-class Lasts:
+class Lasts(OfOne):
     """If present, the activity lasts at least ``at_least`` units."""
 
-    activity: str
     at_least: int
-
-    @property
-    def activities(self) -> tuple[str, ...]:
-        """What it speaks of."""
-        return (self.activity,)
 
     def holds(self, schedule: CandidateSchedule, places: Places) -> bool:
         """Return whether a schedule satisfies it."""
@@ -242,20 +228,14 @@ class Lasts:
 
 
 @dataclass(frozen=True)
-class Requires:
+class Requires(OfOne):
     """``object`` is not at ``configuration`` while ``activity`` lasts (changes at its very start
     and end do no harm, and nothing is asked of one that lasts one unit), or just ``at_end``.
     """
 
-    activity: str
     object: str
     configuration: str
     at_end: bool = False
-
-    @property
-    def activities(self) -> tuple[str, ...]:
-        """What it speaks of."""
-        return (self.activity,)
 
     def holds(self, schedule: CandidateSchedule, places: Places) -> bool:
         """Return whether a schedule satisfies it."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 from up_samp.model.bodies import Body, Configuration, Movable
 from up_samp.model.frames import Frame, PlacedMap
+from up_samp.model.graphs import grouped
 
 
 class TermKind(enum.Enum):
@@ -82,16 +83,6 @@ class ChangeTask:
     activity: str
     object: str
     term: Term
-
-
-def grouped(
-    tasks: Iterable[MotionTask], key: Callable[[MotionTask], str]
-) -> Mapping[str, Sequence[MotionTask]]:
-    """Return tasks by what the key tells of them."""
-    found: dict[str, list[MotionTask]] = {}
-    for task in tasks:
-        found.setdefault(key(task), []).append(task)
-    return found
 
 
 @dataclass(frozen=True)

@@ -212,9 +212,7 @@ def _drawn(grid: OccupancyGrid) -> Drawn:
 
 def _turned(colors: npt.NDArray[np.uint8], grid: OccupancyGrid) -> Drawn:
     """Resample a map with a yaw into the world's axes; what lies outside the map is unknown."""
-    (wide, tall), step = grid.size, grid.resolution
-    world = Frame(*grid.origin).points([(0, 0), (wide, 0), (wide, tall), (0, tall)])
-    low, high = world.min(axis=0), world.max(axis=0)
+    (low, high), step = grid.box, grid.resolution
     width, height = (max(1, math.ceil(v / step)) for v in high - low)
     x, y = np.meshgrid(
         low[0] + (np.arange(width) + 0.5) * step, low[1] + (np.arange(height) + 0.5) * step

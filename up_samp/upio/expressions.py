@@ -20,6 +20,7 @@ from unified_planning.model.timing import (
     OpenTimeInterval,
     RightOpenTimeInterval,
     TimeInterval,
+    TimePointInterval,
     TimepointKind,
 )
 from unified_planning.model.walkers import ExpressionQuantifiersRemover
@@ -102,6 +103,11 @@ def _consequence(node: FNode) -> tuple[FNode, list[FNode]] | None:
 def present_told(node: FNode) -> str | None:
     """Return the activity whose presence ``node`` is."""
     return str(node.presence().container) if node.node_type is Op.PRESENT_EXP else None
+
+
+def present(*activities: Activity) -> list[FNode]:
+    """Return what must hold for all ``activities`` to be there."""
+    return [a.present for a in activities if a.optional]
 
 
 def fluent_told(node: FNode) -> tuple[FNode, FNode] | None:
@@ -204,6 +210,11 @@ class QuantifierRemover:
 
 # ------------------ Intervals: those that conditions of the relaxation are about, and those of UP
 # scripts, whose ends may be bare timepoints
+
+
+def at_start(activity: Activity) -> TimePointInterval:
+    """Return the instant at which an activity starts."""
+    return TimePointInterval(Timing(0, activity.start))
 
 
 def whole(activity: Activity, early: int = 0) -> TimeInterval:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -252,10 +252,6 @@ class _PutMover:
         return {o: self(e) if isinstance(e, FNode) else e for o, e in given.items()}
 
 
-def _spoken(effect: Effect) -> tuple[FNode, ...]:
-    return effect.fluent, effect.value, effect.condition
-
-
 def _without_motions(activity: MotionActivity, parameters: list[Parameter]) -> Activity:
     """Return the activity without its motions, and without what is said of what it moves."""
     plain = Activity(activity.name, 1, activity.optional, _env=activity._environment)
@@ -265,14 +261,21 @@ def _without_motions(activity: MotionActivity, parameters: list[Parameter]) -> A
     # any object shows what speaks of them
     stand_in = {p: Object("?", p.type, activity._environment) for p in parameters}
     put = _PutMover(activity, activity.name, stand_in)
-    for span, conditions in conditions_of(activity).items():
-        rest = [c for c in conditions if not put.speaks(c)]
-        if rest:
-            plain._conditions[span] = rest
-    for timing, effect in effects_of(activity):
-        if not put.speaks(*_spoken(effect)):
-            plain._add_effect_instance(timing, effect)
+    _say(activity, plain, put, lambda *nodes: not put.speaks(*nodes))
     return plain
+
+
+def _say(activity: Activity, other: Activity, put: _PutMover, wanted: Callable[..., bool]) -> None:
+    """Give another activity the conditions and effects that are ``wanted``, with objects put in."""
+    for span, conditions in conditions_of(activity).items():
+        mine = [put(c) for c in conditions if wanted(c)]
+        if mine:
+            other._conditions[put.span(span)] = mine
+    for timing, effect in effects_of(activity):
+        spoken = effect.fluent, effect.value, effect.condition
+        if wanted(*spoken):
+            said = Effect(*map(put, spoken), effect.kind, effect.forall)
+            other._add_effect_instance(put.timing(timing), said)
 
 
 def _copy(
@@ -292,14 +295,7 @@ def _copy(
                 own = parameter.name.removeprefix(f"{activity.name}.")
                 put.also(parameter, with_parameter(copy, own, parameter.type))
     copy._set_duration_constraint(rewritten(activity.duration, put))
-    for span, conditions in conditions_of(activity).items():
-        mine = [put(c) for c in conditions if whole or put.speaks(c)]
-        if mine:
-            copy._conditions[put.span(span)] = mine
-    for timing, effect in effects_of(activity):
-        if whole or put.speaks(*_spoken(effect)):
-            said = Effect(*map(put, _spoken(effect)), effect.kind, effect.forall)
-            copy._add_effect_instance(put.timing(timing), said)
+    _say(activity, copy, put, lambda *nodes: whole or put.speaks(*nodes))
     for constraint in activity.motion_constraints:
         copy.add_motion_constraint(put.motion(constraint))
     for movable, place in activity.motion_effects.items():

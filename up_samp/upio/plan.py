@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from itertools import starmap
 from typing import Any
@@ -188,26 +189,62 @@ def up_path(trajectory: Trajectory, model: MotionModel) -> SE2Path | SE3Path | S
     return SE2WithControlsPath(path)
 
 
-def trajectories(plan: MotionSchedule) -> dict[str, Trajectory]:
-    """Return the timed trajectory of each motion, by activity (s from the plan's start).
+def trajectories(plan: Schedule, seconds_per_unit: float = 1.0) -> dict[str, Trajectory]:
+    """Return the timed trajectory of each motion, by activity (s from the plan's start; further
+    motions of one by :func:`trajectory_key`).
 
-    Plans of this package carry them; for other plans they are read from
-    ``SE2WithControlsPath`` paths, starting at their activities' starts (1 unit = 1 s).
+    Plans of this package carry them; what a plan does not carry is read from its paths, which begin
+    as their activities do.
     Raises :class:`ProblemError` for paths that carry no times.
     """
-    own = getattr(plan, "trajectories", None)
-    if own is not None:
-        return dict(own)
-    found: dict[str, Trajectory] = {}
-    for (activity, _), path in plan.motion_paths.items():
-        if not isinstance(path, SE2WithControlsPath):
-            raise ProblemError(
-                f"the path of activity '{activity.name}' has no times ({type(path).__name__})"
-            )
-        start = float(plan.get(activity.start).constant_value())
-        durations = np.array([step[3] for step in path.path[:-1]])
-        times = start + np.concatenate([[0.0], np.cumsum(durations)])
-        poses = np.array([list(step[0]) for step in path.path])
-        poses[:, 2] = np.unwrap(poses[:, 2])
-        found[activity.name] = Trajectory(times, poses)
+    found: dict[str, Trajectory] = dict(getattr(plan, "trajectories", None) or {})
+    for (activity, constraint), path in getattr(plan, "motion_paths", {}).items():
+        key = trajectory_key(activity.name, activity.motion_constraints.index(constraint))
+        if key not in found:
+            start = seconds_per_unit * float(plan.get(activity.start).constant_value())
+            found[key] = path_trajectory(path, start, activity.name)
     return found
+
+
+def path_trajectory(path: object, start: float, activity: str) -> Trajectory:
+    """Return the timed motion along a UP path that starts at ``start`` (s, plan time).
+
+    A ``SE2WithControlsPath`` is read as pieces of constant twist: from each pose its linear
+    velocity (m/s, along the heading) and angular velocity (rad/s) hold for its duration (s).
+    Other paths have no times: :class:`ProblemError`.
+    """
+    if not isinstance(path, SE2WithControlsPath):
+        raise ProblemError(
+            f"the path of activity '{activity}' ({type(path).__name__}) says nothing about time; "
+            "a plan needs a trajectory or a SE2WithControlsPath for every motion"
+        )
+    if not path.path:
+        raise ProblemError(f"the path of activity '{activity}' is empty")
+    times: list[float] = [start]
+    poses: list[tuple[float, float, float]] = []
+    turned = path.path[0][0].theta
+    for pose, speed, turn, seconds in path.path:
+        # continuous heading: the representation nearest to where the last piece ended
+        theta = float(pose.theta + math.tau * round((turned - pose.theta) / math.tau))
+        if len(poses) == len(times):
+            poses.pop()  # a piece without duration led there
+        poses.append((float(pose.x), float(pose.y), theta))
+        turned = theta
+        if seconds > 0:
+            after = _after(poses[-1], speed, turn, seconds)
+            turned = after[2]
+            times.append(times[-1] + seconds)
+    if len(poses) < len(times):
+        poses.append(after)
+    return Trajectory(np.asarray(times), np.asarray(poses, dtype=np.float64))
+
+
+def _after(
+    pose: tuple[float, float, float], speed: float, turn: float, seconds: float
+) -> tuple[float, float, float]:
+    """Return the pose after driving an arc: unicycle model, exact integration."""
+    x, y, theta = pose
+    half = turn * seconds / 2
+    chord = speed * seconds * float(np.sinc(half / math.pi))
+    ahead = theta + half
+    return x + chord * math.cos(ahead), y + chord * math.sin(ahead), theta + 2 * half

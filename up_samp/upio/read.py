@@ -345,30 +345,23 @@ def _check_places(floor: RideFloor, users: Users) -> None:
             raise ProblemError(
                 f"initial configuration of '{name}', which is no movable object of the problem"
             )
-        if place not in floor.configurations:
-            raise ProblemError(
-                f"object '{name}' starts at '{place}', which is no configuration of the problem "
-                "(add it with problem.add_object)"
-            )
-        model = floor.objects[name].body.kinematics.model
-        if len(floor.configurations[place]) != model.mobility.size:
-            raise ProblemError(
-                f"object '{name}' starts at '{place}', which is of the wrong type for it "
-                f"({model.value})"
-            )
+        _check_place(floor, f"object '{name}' starts at '{place}'", name, place)
     for activity, name, terms in users:
-        body = floor.objects[name].body
-        size = body.mobility.size
-        for term in terms:
-            if term.kind is not TermKind.CONSTANT:
-                continue
-            if term.name not in floor.configurations:
-                raise ProblemError(
-                    f"activity '{activity}' uses the configuration '{term.name}', which is "
-                    "not in the problem (add it with problem.add_object)"
-                )
-            if len(floor.configurations[term.name]) != size:
-                raise ProblemError(
-                    f"activity '{activity}': configuration '{term.name}' is of the wrong "
-                    f"type for '{name}' ({body.kinematics.model.value} needs {size} numbers)"
-                )
+        for term in (t for t in terms if t.kind is TermKind.CONSTANT):
+            what = f"activity '{activity}' uses the configuration '{term.name}'"
+            _check_place(floor, what, name, term.name)
+
+
+def _check_place(floor: RideFloor, what: str, name: str, place: str) -> None:
+    """Raise where an object cannot be at a place, and say of what uses it."""
+    if place not in floor.configurations:
+        raise ProblemError(
+            f"{what}, which is no configuration of the problem (add it with problem.add_object)"
+        )
+    body = floor.objects[name].body
+    size = body.mobility.size
+    if len(floor.configurations[place]) != size:
+        raise ProblemError(
+            f"{what}, which is of the wrong type for '{name}' "
+            f"({body.kinematics.model.value} needs {size} numbers)"
+        )

@@ -43,9 +43,10 @@ from up_samp.model import (
     ScheduledMotion,
     UnsupportedError,
 )
+from up_samp.model.graphs import grouped
 from up_samp.model.refinement import Given, Literal
 from up_samp.model.snapshot import Snapshot, Term, TermKind
-from up_samp.upio.expressions import chronicles_of, constraints_of, walk, with_parameter
+from up_samp.upio.expressions import chronicles_of, constraints_of, present, walk, with_parameter
 from up_samp.upio.movers import FluentChanges, changes_of
 
 
@@ -107,7 +108,7 @@ class Relaxation:
 
     def constrain(self, expression: FNode, *activities: Activity) -> None:
         """Add a constraint that binds where these activities are present."""
-        self.problem.add_constraint(expression, [a.present for a in activities if a.optional])
+        self.problem.add_constraint(expression, present(*activities))
 
     @cached_property
     def unary(self) -> dict[FNode, list[FNode]]:
@@ -135,10 +136,8 @@ class Relaxation:
     @cached_property
     def given_effects(self) -> dict[Fluent, list[Effect]]:
         """The effects on each of the problem's own fluents (states that are added have others)."""
-        found: dict[Fluent, list[Effect]] = {}
-        for _, effect, _ in self.problem.all_effects():
-            found.setdefault(effect.fluent.fluent(), []).append(effect)
-        return found
+        effects = (effect for _, effect, _ in self.problem.all_effects())
+        return grouped(effects, lambda effect: effect.fluent.fluent())
 
 
 def choose(

@@ -32,6 +32,7 @@ from unified_planning.model.timing import (
 from up_samp.model import ProblemError, UnsupportedError, check_time
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.expressions import (
+    at_start,
     closed,
     conditions_of,
     effects_of,
@@ -436,14 +437,13 @@ def _hold(relaxation: Relaxation, activity: Activity, name: str, told: FNode) ->
         return
     place = relaxation.place(initial) if state is None else state
     equal = _one_place(relaxation, told, place)
-    at_start = TimePointInterval(Timing(0, activity.start))
     span = RightOpenTimeInterval(Timing(0, activity.start), Timing(-1, activity.end))
     if late:
         # the state tells a unit late what happens right at the start; the fluent stays then
-        activity.add_condition(at_start, relaxation.manager.Equals(told, told))
+        activity.add_condition(at_start(activity), relaxation.manager.Equals(told, told))
         span = OpenTimeInterval(Timing(0, activity.start), Timing(-1, activity.end))
     else:
-        activity.add_condition(at_start, equal)
+        activity.add_condition(at_start(activity), equal)
     activity.add_condition(span, equal)
 
 

@@ -21,7 +21,8 @@ from up_samp.model import (
     UnsupportedError,
 )
 from up_samp.model.frames import Frame
-from up_samp.model.snapshot import ChangeTask, MotionTask, Ride, Term, TermKind, grouped
+from up_samp.model.graphs import grouped
+from up_samp.model.snapshot import ChangeTask, MotionTask, Ride, Term, TermKind
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

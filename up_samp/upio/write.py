@@ -11,7 +11,6 @@ from unified_planning.model.timing import TimePointInterval
 
 from up_samp.model.refinement import (
     Absent,
-    Anchor,
     Apart,
     Clause,
     Differs,
@@ -23,7 +22,7 @@ from up_samp.model.refinement import (
     Requires,
     TimeRef,
 )
-from up_samp.upio.expressions import inner, whole, whole_bounds
+from up_samp.upio.expressions import inner, present, whole, whole_bounds
 from up_samp.upio.relaxation import Relaxation
 
 
@@ -148,13 +147,12 @@ def _differs(relaxation: Relaxation, literal: Differs) -> FNode:
 
 def _timepoint(relaxation: Relaxation, ref: TimeRef) -> Any:
     activity = relaxation.activities[ref.activity]
-    return activity.start if ref.end is Anchor.START else activity.end
+    return activity.end if ref.at_end else activity.start
 
 
 def _with_presence(relaxation: Relaxation, expression: FNode, literal: Apart | Overlap) -> FNode:
-    named = [relaxation.activities[name] for name in sorted(set(literal.activities))]
-    present = [activity.present for activity in named if activity.optional]
-    return relaxation.manager.And([*present, expression]) if present else expression
+    there = present(*(relaxation.activities[name] for name in sorted(set(literal.activities))))
+    return relaxation.manager.And([*there, expression]) if there else expression
 
 
 _WRITERS: dict[type, Callable[[Relaxation, Any], None]] = {

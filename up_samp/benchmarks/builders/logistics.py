@@ -26,7 +26,6 @@ from up_samp.benchmarks.places import (
     FamilyDoor,
     FamilyFloor,
     Pose,
-    at_start,
     box,
     check_sizes,
     drawn_name,
@@ -34,6 +33,7 @@ from up_samp.benchmarks.places import (
 )
 from up_samp.benchmarks.published import HANDLING, Form, Manner, PublishedRobot
 from up_samp.model import ProblemError
+from up_samp.upio.expressions import at_start
 
 MOST = {"robots": 10, "items": 16}
 """How large an instance may be."""

@@ -37,13 +37,12 @@ from up_samp.benchmarks.places import (
     Pose,
     ProblemOnMap,
     Rectangle,
-    at_start,
     drawn_map,
     drawn_name,
     outer_wall,
-    scope_of,
 )
 from up_samp.model import ProblemError
+from up_samp.upio.expressions import at_start, present
 
 SHELF = (1.4, 6.0)
 """Width and length (m) of a block of shelves."""
@@ -210,23 +209,23 @@ class _Work(ProblemOnMap):
         leave = self._move(f"leave_{title}", robot, station, self.docks[r])
         leave.add_condition(at_start(leave), Equals(at, station))
         self.problem.add_constraint(unload.present, scope=[leave.present])
-        self.problem.add_constraint(LT(unload.end, leave.start), scope=scope_of(unload, leave))
+        self.problem.add_constraint(LT(unload.end, leave.start), scope=present(unload, leave))
         fetches = self._fetches(r, title, slot)
         for a in (*fetches, load, carry, unload, leave):
             a.uses(self.hands[r])
         for a, b in itertools.pairwise((load, carry, unload)):
             self.problem.add_constraint(b.present, scope=[a.present])
             self.problem.add_constraint(a.present, scope=[b.present])
-            self.problem.add_constraint(LT(a.end, b.start), scope=scope_of(a, b))
+            self.problem.add_constraint(LT(a.end, b.start), scope=present(a, b))
         for fetch in fetches:
             self.problem.add_constraint(load.present, scope=[fetch.present])
-            self.problem.add_constraint(LT(fetch.end, load.start), scope=scope_of(fetch, load))
+            self.problem.add_constraint(LT(fetch.end, load.start), scope=present(fetch, load))
         self.problem.add_constraint(Or([f.present for f in fetches]), scope=[load.present])
         load.add_condition(at_start(load), Equals(at, slot))
         carry.add_condition(at_start(carry), Equals(at, slot))
         unload.add_condition(at_start(unload), Equals(at, station))
         if order.due is not None:
-            self.problem.add_constraint(LE(unload.end, order.due), scope=scope_of(unload))
+            self.problem.add_constraint(LE(unload.end, order.due), scope=present(unload))
         return load
 
     def _fetches(self, r: int, title: str, slot: ConfigurationObject) -> list[Activity]:

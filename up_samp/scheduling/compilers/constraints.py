@@ -9,8 +9,10 @@ import itertools
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 from up_samp.model import UnsupportedError, check_time
+from up_samp.model.graphs import grouped
 from up_samp.scheduling.compilers.plain import (
     FALSE,
     TRUE,
@@ -74,21 +76,17 @@ def _sum(expression: Expr) -> Expr | None:
 def compile_rules(problem: PlainProblem) -> Compiled:
     """Add the rules as constraints, as far as effects can break them."""
     constraints: list[Expr] = []
-    by_instant: dict[tuple[Expr, Expr], list[Effect]] = defaultdict(list)
     for effect in problem.effects:
-        by_instant[effect.time, effect.fluent].append(effect)
         if effect.time[3] < 0:
             absent = negation(problem.presence(effect.owner))
             constraints.append(disjunction([absent, ("le", integer(0), effect.time)]))
-    for effects in by_instant.values():
+    for effects in grouped(problem.effects, attrgetter("time", "fluent")).values():
         for a, b in itertools.combinations(effects, 2):
             counted = a.kind != "assign" and b.kind != "assign"
             certain = not (fluents_in(a.condition) or fluents_in(b.condition))
             if certain and not counted and a.owner == b.owner:
                 constraints.append(disjunction(negation(problem.happens(e)) for e in (a, b)))
-    if not constraints:
-        return Compiled(problem)
-    return Compiled(replace(problem, constraints=(*problem.constraints, *constraints)))
+    return Compiled(problem.saying(constraints))
 
 
 def compile_differences(problem: PlainProblem) -> Compiled:
@@ -343,13 +341,10 @@ def compile_resources(problem: PlainProblem, most: int = 5000) -> Compiled:
                 f"resource {show(fluent)}: too many sets of activities take more "
                 f"than {capacity} together"
             )
-    if not gone:
-        return Compiled(problem)
     names = {f[1] for f in gone}
     return Compiled(
-        replace(
-            problem,
-            constraints=(*problem.constraints, *constraints),
+        problem.saying(
+            constraints,
             effects=tuple(e for e in problem.effects if e.fluent not in gone),
             fluents={n: f for n, f in problem.fluents.items() if n not in names},
             initial={k: v for k, v in problem.initial.items() if k[1] not in names},
@@ -367,11 +362,8 @@ def _resources(problem: PlainProblem) -> Iterator[tuple[Expr, int, dict[str, int
     """Yield the fluents (without arguments) that are resources: how much there is, and how much
     each activity takes.
     """
-    effects: dict[Expr, list[Effect]] = defaultdict(list)
-    for effect in problem.effects:
-        effects[effect.fluent].append(effect)
     read = {f for expression in problem.read() for f in fluents_in(expression)}
-    for fluent, changes in effects.items():
+    for fluent, changes in grouped(problem.effects, attrgetter("fluent")).items():
         if fluent in read or len(fluent) > 2:
             continue
         amounts = amounts_taken(changes)

@@ -32,6 +32,7 @@ from up_samp.scheduling.compilers.plain import (
     later,
     names_in_use,
     negation,
+    put,
     rewrite,
     show,
     values_of,
@@ -42,16 +43,16 @@ def compile_instances(problem: PlainProblem) -> Compiled:
     """Expand conditions and effects over the parameters in arguments of fluents."""
     conditions: list[Condition] = []
     for condition in problem.conditions:
-        for guard, put in _choices(problem, [condition.expression]):
+        for guard, values in _choices(problem, [condition.expression]):
             # who chooses one fluent leaves the others alone: they are not even read
-            given = rewrite(condition.expression, put.get)
+            given = rewrite(condition.expression, values.get)
             one = replace(condition, expression=evaluate(given), chosen=guard)
             conditions += [*_still(one, given, problem.fluents), one]
     effects: list[Effect] = []
     for effect in problem.effects:
         parts = [effect.fluent, effect.value, effect.condition]
-        for guard, put in _choices(problem, parts):
-            fluent, value, given = (evaluate(rewrite(e, put.get)) for e in parts)
+        for guard, values in _choices(problem, parts):
+            fluent, value, given = (put(e, values) for e in parts)
             effects.append(
                 replace(effect, fluent=fluent, value=value, condition=conjunction([guard, given]))
             )
@@ -143,7 +144,7 @@ def _grounded(
     problem: PlainProblem, replaced: dict[Expr, Expr], fluents: dict[str, Fluent], kept: set[str]
 ) -> PlainProblem:
     conditions: list[Condition] = []
-    found = problem.mapped(lambda e: evaluate(rewrite(e, replaced.get)))
+    found = problem.mapped(lambda e: put(e, replaced))
     constraints = list(found.constraints)
     for given, condition in zip(problem.conditions, found.conditions, strict=True):
         conditions += _still(condition, rewrite(given.expression, replaced.get), fluents)
@@ -244,12 +245,9 @@ def reaches_end(problem: PlainProblem, delay: int, time: Expr) -> Expr:
 
 def outside(problem: PlainProblem, condition: Condition, effect: Effect) -> Expr:
     """State that the effect does not happen within the interval (always, if that is empty)."""
-    ways = [negation(problem.presence(owner)) for owner in (condition.owner, effect.owner)]
-    if not fluents_in(effect.condition):
-        ways.append(negation(effect.condition))
     before = comes_before(problem, effect.time, condition.low)
     after = comes_after(problem, effect.time, condition.high)
-    return disjunction([*ways, before, after])
+    return disjunction([*problem.apart(condition, effect), before, after])
 
 
 # ------------------ User types below others away
@@ -257,8 +255,6 @@ def outside(problem: PlainProblem, condition: Condition, effect: Effect) -> Expr
 
 def compile_flat_types(problem: PlainProblem) -> Compiled:
     """Return the problem with flat types only."""
-    if all(father is None for father in problem.types.values()):
-        return Compiled(problem)
     root = partial(_root, problem)
 
     def flat(tpe: Type) -> Type:
@@ -272,10 +268,9 @@ def compile_flat_types(problem: PlainProblem) -> Compiled:
         if tpe[0] == "user" and problem.types[tpe[1]] is not None:
             choices = problem.objects_of(tpe[1])
             restricted.append(disjunction(("eq", ("par", name), ("obj", o)) for o in choices))
-    flattened = replace(
-        problem,
+    flattened = problem.saying(
+        restricted,
         activities=tuple(replace(a, parameters=flat_all(a.parameters)) for a in problem.activities),
-        constraints=(*problem.constraints, *restricted),
         variables={n: flat(t) for n, t in problem.variables.items()},
         types={n: None for n, father in problem.types.items() if father is None},
         objects={o: root(t) for o, t in problem.objects.items()},
@@ -368,9 +363,8 @@ class _PrecedenceCompiler:
             for part in (self._holds(condition, condition.expression), *self._still(condition)):
                 self.constraints.append(disjunction([*ways, part]))
         counted = {f[1] for f in self.counted}
-        compiled = replace(
-            self.problem,
-            constraints=(*self.problem.constraints, *self.constraints),
+        compiled = self.problem.saying(
+            self.constraints,
             conditions=(),
             effects=tuple(kept),
             variables=self.variables,
@@ -447,7 +441,7 @@ class _PrecedenceCompiler:
         """State that a relation of fluents holds at an instant, for each value of one of them."""
         cases = []
         for value in values_of(self.problem, self.problem.fluents[fluent[1]].type):
-            rest = evaluate(rewrite(expression, {fluent: value}.get))
+            rest = put(expression, {fluent: value})
             if rest != FALSE:
                 here = self._single(condition, fluent, equals(fluent, value))
                 cases.append(conjunction([here, self._holds(condition, rest)]))
@@ -523,6 +517,6 @@ def _when_right(problem: PlainProblem, fluent: Expr, expression: Expr, value: Ex
     """
     tpe = problem.fluents[fluent[1]].type
     if value[0] in ("bool", "int", "obj") or tpe[0] == "int":
-        return evaluate(rewrite(expression, {fluent: value}.get))
+        return put(expression, {fluent: value})
     cases = ((v, _when_right(problem, fluent, expression, v)) for v in values_of(problem, tpe))
     return disjunction(conjunction([equals(value, v), right]) for v, right in cases)

@@ -4,10 +4,11 @@ time is dense, empty ones, those that only keep others away, and those that need
 
 from __future__ import annotations
 
-from collections import defaultdict
 from dataclasses import replace
+from operator import attrgetter
 
 from up_samp.model import UnsupportedError
+from up_samp.model.graphs import grouped
 from up_samp.scheduling.compilers.fluents import (
     comes_after,
     comes_before,
@@ -17,7 +18,6 @@ from up_samp.scheduling.compilers.fluents import (
     outside,
 )
 from up_samp.scheduling.compilers.plain import (
-    TRUE,
     Activity,
     Compiled,
     Condition,
@@ -28,7 +28,6 @@ from up_samp.scheduling.compilers.plain import (
     conjuncts,
     disjunction,
     end,
-    evaluate,
     fluents_in,
     fresh,
     implies,
@@ -36,7 +35,7 @@ from up_samp.scheduling.compilers.plain import (
     later,
     names_in_use,
     negation,
-    rewrite,
+    put,
     show,
     start,
 )
@@ -70,8 +69,7 @@ def compile_support(problem: PlainProblem) -> Compiled:
         else:
             conditions += said[0]
             constraints += said[1]
-    every = (*problem.constraints, *(c for c in constraints if c != TRUE))
-    found = replace(problem, conditions=tuple(dict.fromkeys(conditions)), constraints=every)
+    found = problem.saying(constraints, conditions=tuple(dict.fromkeys(conditions)))
     return Compiled(found, exact=exact)
 
 
@@ -97,9 +95,8 @@ def _effect_by_effect(
         since, until = least(problem, low, effect.time), least(problem, effect.time, high)
         if effect.kind != "assign" or fluents_in(effect.value) or fluents_in(effect.condition):
             return None
-        after = evaluate(rewrite(condition.expression, {effect.fluent: effect.value}.get))
-        ways = [negation(problem.presence(o)) for o in (condition.owner, effect.owner)]
-        ways += [negation(effect.condition), comes_before(problem, effect.time, low)]
+        after = put(condition.expression, {effect.fluent: effect.value})
+        ways = [*problem.apart(condition, effect), comes_before(problem, effect.time, low)]
         if high[1] != "horizon":  # which comes after all effects
             ways.append(("le", high, effect.time))
         if not fluents_in(after):
@@ -159,15 +156,11 @@ def compile_dense(problem: PlainProblem) -> Compiled:
                 continue
             after = _after(condition.expression, effect)
             exact = exact and after is not None
-            ways = [negation(problem.presence(o)) for o in (condition.owner, effect.owner)]
-            if fluents_in(effect.condition):
-                exact = False  # whether it holds cannot be told: as if it did
-            else:
-                ways.append(negation(effect.condition))
-            ways += _at_other_times(problem, condition, effect)
+            # whether it happens cannot be told where that hangs on fluents: as if it did
+            exact = exact and not fluents_in(effect.condition)
+            ways = [*problem.apart(condition, effect), *_at_other_times(problem, condition, effect)]
             constraints.append(disjunction([*ways, *([after] if after is not None else [])]))
-    every = (*problem.constraints, *(c for c in constraints if c != TRUE))
-    found = replace(problem, conditions=tuple(conditions), constraints=every)
+    found = problem.saying(constraints, conditions=tuple(conditions))
     return Compiled(found, exact=exact)
 
 
@@ -186,7 +179,7 @@ def _after(expression: Expr, effect: Effect) -> Expr | None:
     """Return an expression with what an effect sets; ``None`` if other fluents matter, too."""
     if effect.kind != "assign" or fluents_in(effect.value):
         return None
-    said = evaluate(rewrite(expression, lambda e: effect.value if e == effect.fluent else None))
+    said = put(expression, {effect.fluent: effect.value})
     return None if fluents_in(said) else said
 
 
@@ -214,9 +207,7 @@ def compile_stillness(problem: PlainProblem) -> Compiled:
     """Turn tautologies over a fluent without arguments into constraints; drop conditions over
     a part of the interval of an equal one.
     """
-    effects: dict[Expr, list[Effect]] = defaultdict(list)
-    for effect in problem.effects:
-        effects[effect.fluent].append(effect)
+    effects = grouped(problem.effects, attrgetter("fluent"))
     constraints: list[Expr] = []
     conditions: dict[Condition, None] = {}
     for condition in problem.conditions:
@@ -225,15 +216,12 @@ def compile_stillness(problem: PlainProblem) -> Compiled:
             conditions[condition] = None
         else:
             constraints += [
-                outside(problem, condition, e) for e in effects[fluent] if not condition.lets(e)
+                outside(problem, condition, e)
+                for e in effects.get(fluent, ())
+                if not condition.lets(e)
             ]
-    return Compiled(
-        replace(
-            problem,
-            conditions=tuple(_without_implied(list(conditions))),
-            constraints=(*problem.constraints, *constraints),
-        )
-    )
+    kept = tuple(_without_implied(list(conditions)))
+    return Compiled(problem.saying(constraints, conditions=kept))
 
 
 def _still(condition: Condition) -> Expr | None:
@@ -252,9 +240,7 @@ def _still(condition: Condition) -> Expr | None:
 
 
 def _without_implied(conditions: list[Condition]) -> list[Condition]:
-    by_content: dict[tuple[str | None, Expr], list[Condition]] = defaultdict(list)
-    for condition in conditions:
-        by_content[condition.owner, condition.expression].append(condition)
+    by_content = grouped(conditions, attrgetter("owner", "expression"))
     return [
         c
         for c in conditions

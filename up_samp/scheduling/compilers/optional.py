@@ -119,13 +119,9 @@ def compile_anchor(problem: PlainProblem) -> Compiled:
         return Compiled(problem)
     name = fresh("anchor", names_in_use(problem))
     anchor = Activity(name, False, integer(0), integer(0), tuple(problem.variables.items()))
-    compiled = replace(
-        problem,
-        activities=(*problem.activities, anchor),
-        constraints=(*problem.constraints, ("le", start(name), integer(0))),
-        variables={},
-    )
-    return Compiled(compiled)
+    at_0 = ("le", start(name), integer(0))
+    everybody = (*problem.activities, anchor)
+    return Compiled(problem.saying([at_0], activities=everybody, variables={}))
 
 
 # ------------------ Optional activities away

@@ -277,6 +277,13 @@ class PlainProblem:
         there = owner in self._by_name and self._by_name[owner].optional
         return ("pres", owner) if there else TRUE
 
+    def apart(self, condition: Condition, effect: Effect) -> list[Expr]:
+        """Return the ways in which a condition and an effect do not meet, whenever they are: whose
+        they are is not there, or the effect's own condition, which reads no fluent, does not hold.
+        """
+        ways = [negation(self.presence(owner)) for owner in (condition.owner, effect.owner)]
+        return ways if fluents_in(effect.condition) else [*ways, negation(effect.condition)]
+
     def missing(self, condition: Condition) -> list[Expr]:
         """Return the ways in which a condition asks nothing: whose it is, or whose times it names,
         is not there, or something else is chosen.
@@ -287,6 +294,11 @@ class PlainProblem:
     def happens(self, effect: Effect) -> Expr:
         """Return that an effect happens: its owner is there, and its condition holds."""
         return conjunction([self.presence(effect.owner), effect.condition])
+
+    def saying(self, constraints: Iterable[Expr], **changes: Any) -> PlainProblem:
+        """Return the problem with more constraints, and with changes of other fields."""
+        more = (c for c in constraints if c != TRUE)
+        return replace(self, constraints=(*self.constraints, *more), **changes)
 
     def mapped(self, put: Callable[[Expr], Expr]) -> PlainProblem:
         """Return the problem with every expression of it replaced, but for initial values."""
@@ -445,6 +457,11 @@ def _constant(operator: str, values: list[int]) -> Expr:
         raise UnsupportedError(f"operator {operator} in a condition")
     kind, fold = _FOLDED[operator]
     return (kind, fold(values))
+
+
+def put(expression: Expr, values: Mapping[Expr, Expr]) -> Expr:
+    """Return an expression with what has a value replaced by that, and evaluated."""
+    return evaluate(rewrite(expression, values.get))
 
 
 # ------------------ Names that nothing in a problem has yet

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Any
 
 from unified_planning.model import FNode
@@ -12,6 +13,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.errors import short
+from up_samp.model.graphs import grouped
 from up_samp.model.snapshot import Snapshot
 from up_samp.scheduling.compilers.constraints import amounts_taken
 from up_samp.scheduling.compilers.plain import Effect, Expr, show, subexpressions
@@ -356,9 +358,7 @@ Moment = tuple[Expr, Groups]
 
 def _several_at_once(writes: list[_Write]) -> Iterator[tuple[int, Groups]]:
     for time, some in itertools.groupby(writes, key=lambda w: w.time):
-        together: dict[tuple[Point, int], list[_Write]] = {}
-        for w in some:
-            together.setdefault((w.point, w.delay), []).append(w)
+        together = grouped(some, attrgetter("point", "delay"))
         if len(together) > 1:
             yield time, list(together.values())
 

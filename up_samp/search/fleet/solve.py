@@ -29,7 +29,8 @@ from up_samp.model import (
     PathQuery,
     TimedMotion,
 )
-from up_samp.model.snapshot import Snapshot, grouped
+from up_samp.model.graphs import grouped
+from up_samp.model.snapshot import Snapshot
 from up_samp.motion.fleet.reservations import ReservationTable
 from up_samp.search.conclusion import SearchResult, conclude, conclude_stopped
 from up_samp.search.events import Phase

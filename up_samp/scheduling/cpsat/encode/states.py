@@ -11,6 +11,7 @@ from unified_planning.model import Effect, FNode, TimeInterval, Timing
 from unified_planning.model.timing import TimepointKind
 
 from up_samp.model import ProblemError, UnsupportedError, check_time
+from up_samp.model.graphs import grouped
 from up_samp.scheduling.cpsat.encode.forms import (
     FALSE,
     TRUE,
@@ -106,9 +107,7 @@ class StateVar:
     def by_owner(self) -> dict[int | None, list[Write]]:
         """Return the writes by whose they are."""
         if self._indexed != len(self.writes):
-            self._by_owner = {}
-            for write in self.writes:
-                self._by_owner.setdefault(write.owner, []).append(write)
+            self._by_owner = grouped(self.writes, lambda write: write.owner)
             self._indexed = len(self.writes)
         return self._by_owner
 

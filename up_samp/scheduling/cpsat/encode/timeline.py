@@ -7,8 +7,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from operator import attrgetter
 
 from up_samp.model import ProblemError, check_time
+from up_samp.model.graphs import grouped
 from up_samp.scheduling.cpsat.encode.forms import (
     FALSE,
     TRUE,
@@ -49,11 +51,8 @@ def pair_uses(states: States, state: StateVar) -> list[Use] | None:
     """Return the borrowings that ``state`` consists of, or ``None`` if there is anything else."""
     if any(not w.add or w.value.terms for w in state.writes):
         return None
-    waiting: dict[tuple[int | None, Literal], list[Write]] = {}
-    for write in state.writes:
-        waiting.setdefault((write.owner, write.active), []).append(write)
     uses: list[Use] = []
-    for writes in waiting.values():
+    for writes in grouped(state.writes, attrgetter("owner", "active")).values():
         takes = [w for w in writes if w.value.const < 0]
         gives = [w for w in writes if w.value.const > 0]
         for take in takes:
