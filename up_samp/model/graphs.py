@@ -1,4 +1,4 @@
-"""What can be come to in a graph."""
+"""Reachability in graphs."""
 
 from __future__ import annotations
 
