@@ -67,7 +67,7 @@ def unexplained(monkeypatch):
     """Spare most of the time in which fewer facts that leave no schedule, and what these run into,
     are looked for: it is mostly used up.
     """
-    monkeypatch.setattr(proof, "_EXPLAIN_SECONDS", 3.0)
+    monkeypatch.setitem(budget.PARTS, "why there is no schedule", (0.2, 3.0))
     for most in ("_DEMANDS", "_LIMITS"):
         monkeypatch.setattr(proof, most, 0)
 

@@ -52,9 +52,13 @@ class Tuning:
     """All tunables. Raises :class:`ProblemError` for values that make no sense."""
 
     large: int = tunable(
-        100, "optional activities", "from which on jobs are dealt out first", _FLEET, least=1
+        100,
+        "optional activities",
+        "from which on jobs are assigned to robots first",
+        _FLEET,
+        least=1,
     )
-    deals: int = tunable(8, "shares of the jobs", "at most, until there is a plan", _FLEET, least=1)
+    deals: int = tunable(8, "assignments", "tried at most, until there is a plan", _FLEET, least=1)
     exchanges: int = tunable(
         2000, "changes a job", "of annealing over who does what", _FLEET, least=0
     )

@@ -1,4 +1,4 @@
-"""The faces of engines that UP asks: problems read without their kind, plans to begin from."""
+"""Base classes of the engines that UP sees: problems read without their kind, warm starts."""
 
 from __future__ import annotations
 

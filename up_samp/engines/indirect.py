@@ -1,4 +1,4 @@
-"""Problems solved by way of others: costs in an order, moved objects that are parameters."""
+"""Problems solved by way of others: lexicographic objectives, moved objects that are parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Robots that are where nobody led them: who is kept away from there, by one rule."""
+"""Robots off their paths or places, where no command led them: who is kept away, by one rule."""
 
 from __future__ import annotations
 

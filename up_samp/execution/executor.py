@@ -535,7 +535,7 @@ class Executor(Followed):
         end = state.end_number[activity]
         if state.graph.tasks[activity].moves:
             return self._at_end(activity, robot)
-        if not state.open(end):
+        if not state.may_happen(end):
             return self._not_yet(activity)
         self._end(activity)
         return TAKEN
@@ -566,7 +566,7 @@ class Executor(Followed):
         ways = self.state.ways_of[activity]
         if any(w.object in self._held or w.object in self._astray for w in ways):
             return
-        if self.state.open(self.state.end_number[activity]) and all(
+        if self.state.may_happen(self.state.end_number[activity]) and all(
             self.state.arrived(w) for w in ways
         ):
             self._end(activity)
@@ -619,7 +619,7 @@ class Executor(Followed):
         for name in self._running:
             task = self.state.graph.tasks[name]
             if not task.moves:
-                command = Do(name, self.state.open(self.state.end_number[name]))
+                command = Do(name, self.state.may_happen(self.state.end_number[name]))
                 for who in [w for w in task.who if w not in found] or [name]:
                     found[who] = command
         for robot in self._of_robot:
@@ -635,7 +635,7 @@ class Executor(Followed):
 
     def _begin(self) -> None:
         state = self.state
-        for name in [n for n in self._ready if state.open(state.start_number[n])]:
+        for name in [n for n in self._ready if state.may_happen(state.start_number[n])]:
             ways = state.ways_of[name]
             barred = name in self.withdrawn
             if barred or any(w.object in state.of_object or w.object in self._held for w in ways):

@@ -23,7 +23,8 @@ from up_samp.model import ProblemError
 
 class At(enum.Enum):
     """What happens in an event. ``LEAVE`` is going beyond a point, ``REACH`` is having come to it:
-    a robot may stand at a gate that it may not leave.
+    a robot may stand at a gate that it may not leave. A *gate* is an event ``LEAVE`` for which an
+    edge asks something, and is closed until that has happened.
     """
 
     ORIGIN = "origin"

@@ -451,7 +451,7 @@ class FloorState:
         back = way.told + 2 * way.error - way.progress
         return back if back < -self.tolerance else 0.0
 
-    def open(self, number: int) -> bool:
+    def may_happen(self, number: int) -> bool:
         """Return whether an event may happen now."""
         return self.missing[number] == 0 and not (self.bars and self.shut(number))
 

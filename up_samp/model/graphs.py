@@ -1,4 +1,4 @@
-"""What can be come to in a graph; things by a key."""
+"""Reachability in graphs; things grouped by a key."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""What a metric means that UP has no class for, to the scheduler and to the validator."""
+"""Metrics beside those of UP: weighted sums of costs, and what metrics from outside mean to the
+scheduler and to the validator.
+"""
 
 from __future__ import annotations
 

@@ -16,6 +16,7 @@ PARTS = {
     "proof": (0.3, 20.0),
     "doubt": (0.2, 2.0),
     "bound by proven facts": (0.3, 10.0),
+    "why there is no schedule": (0.2, 15.0),
     "unobstructed motions": (0.2, 30.0),
     "orders that cannot change": (0.2, 10.0),
     "plans by an easier objective": (0.4, math.inf),
@@ -25,7 +26,7 @@ PARTS = {
 }
 """What one part of a search may take of the time that is left: a share, and s at most. Patience
 lasts as much of the whole time limit at least: that is there to be used, and what finds the best
-plans of small fleets begins late.
+plans of small fleets begins late. The scheduler's time is shared out by :class:`SchedulerPace`.
 """
 _GROUP_SHARE = 0.2
 """Of the time that is left, for one group of motions: a late answer can still be repaired."""

@@ -1,4 +1,4 @@
-"""The books of a search: what happened in it, what it has learned, and its bounds."""
+"""What a search knows: refinements, bounds with the incumbent, and the history of its rounds."""
 
 from __future__ import annotations
 

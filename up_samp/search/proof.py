@@ -120,8 +120,6 @@ def _mentioned(expression: FNode) -> set[str]:
 
 SHOWN = 5
 """So many facts are listed in a message."""
-_EXPLAIN_SHARE, _EXPLAIN_SECONDS = 0.2, 15.0
-"""Of the time that is left, and s at most, for a shorter reason."""
 _LIMITS = 40
 """Constraints of the problem that are looked at to tell what the facts run into."""
 _DEMANDS = 300
@@ -176,7 +174,7 @@ class Prover:
         """Return few of the ``facts`` that leave no schedule (with those ``given``), as all of them
         do: as few as can be where time allows.
         """
-        deadline = self.budget.share(_EXPLAIN_SHARE, _EXPLAIN_SECONDS)
+        deadline = self.budget.part("why there is no schedule")
         # those first that one would rather be told
         ordered = sorted(facts, key=lambda r: (r.layer is Layer.BOUND, r.layer is Layer.GROUP))
 
@@ -207,7 +205,7 @@ class Prover:
         """
         if not asked or len(asked) > most:
             return []
-        deadline = self.budget.share(_EXPLAIN_SHARE, _EXPLAIN_SECONDS)
+        deadline = self.budget.part("why there is no schedule")
         places = range(len(asked))
 
         def fails(kept: Sequence[int]) -> bool:  # to compare demands takes longer than all else

@@ -1,4 +1,4 @@
-"""The relaxation: the scheduling problem that remains when nothing is known of motions.
+"""Write the relaxation: the scheduling problem that remains when nothing is known of motions.
 
 Motion activities become plain ones, configurations plain objects. So that trajectories can be
 continuous (Definition 9.3), each object that changes its configuration has a state: an

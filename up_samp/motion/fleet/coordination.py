@@ -1,5 +1,11 @@
-"""Several robots at once, in the plane, in the air, or both: a ladder of efforts, and a report of
-what really conflicts.
+"""Coordination of several robots, in the plane, in the air, or both: a ladder of efforts, and a
+report of what really conflicts.
+
+Everybody is first planned alone; then one after the other, with ejection
+(:mod:`up_samp.motion.fleet.neighbourhoods`). Where somebody is late, others go first, with more and
+more effort for each one, and a few robots for which no order works are moved together
+(:mod:`up_samp.motion.fleet.together`). A group that fails or is late is shrunk to the few motions
+that really conflict.
 """
 
 from __future__ import annotations
@@ -27,14 +33,6 @@ from up_samp.motion.fleet.timed_path import ON_TIME, TimedPath
 from up_samp.motion.fleet.together import couple
 from up_samp.motion.fleet.workspace import PathPlanner, Workspace, rest_run, workspace_of
 from up_samp.motion.protocol import WorkBudget
-
-# ------------------ A ladder of efforts, and a report of what really conflicts
-# Everybody is first planned alone; then one after the other, with ejection
-# (``up_samp.motion.fleet.neighbourhoods``). Where somebody is late, others go first, with more and
-# more effort for each one, and a few robots for which no order works are moved together
-# (``up_samp.motion.fleet.together``). A group that fails or is late is shrunk to the few motions
-# that really conflict.
-
 
 Pair = tuple[str, str]
 

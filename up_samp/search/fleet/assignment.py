@@ -1,9 +1,9 @@
-"""Assignments: which robot does which job, in which order. A guess that proves nothing, of what is
-worth a look.
+"""Task allocation: which robot does which job, in which order, by insertion and annealing.
 
-Jobs are given out by insertion where they end soonest, and then moved and exchanged between
-robots by simulated annealing (Osman 1993) on what their tours take alone. Latest ends are heeded,
-with some more for traffic. Long tours count far more than short ones: the last end is what counts.
+An assignment is a guess that proves nothing. Jobs are given out by insertion where they end
+soonest, and then moved and exchanged between robots by simulated annealing (Osman 1993) on what
+their tours take alone. Latest ends are heeded, with some more for traffic. Long tours count far
+more than short ones: the last end is what counts.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""What robots have to do beside the jobs that are dealt out: rest, charge, be somewhere in the end.
+"""Duties of robots beside the jobs assigned to them: to rest, charge, be somewhere in the end.
 
-Who leaves that out deals most to those who have least time for it. As all that is known before any
-schedule it is a guess: batteries are levels from which drives take and to which stops at certain
-places give, so many units a second.
+An assignment that leaves them out gives most to those who have least time for it. Like all that is
+known before any schedule they are a guess: batteries are levels from which drives take and to which
+stops at certain places give, so many units a second.
 """
 
 from __future__ import annotations

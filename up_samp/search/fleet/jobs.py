@@ -1,8 +1,8 @@
-"""Jobs of which one robot or another does each, as constraints on presence say.
+"""Jobs and their modes: which work one robot or another may do, as constraints on presence say.
 
-A *job* is an unconditional disjunction of presences. Each of its modes draws along what has to be
-present with it; together they are a robot's share of work, from where it first has to be to where
-it ends. Before that: the precedences and gaps between activities that the problem states, and where
+A *job* is an unconditional disjunction of presences. Each of these, with what has to be present
+with it, is a *mode*: a robot's work, from where it first has to be to where it ends. Read before
+that: the precedences and gaps between activities that the problem states, and where
 activities without a drive of their own are done.
 """
 

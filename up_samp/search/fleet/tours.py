@@ -1,4 +1,4 @@
-"""Plans for many robots by construction: whole tours, one robot after the other.
+"""Prioritised planning of many robots: whole tours, one robot after the other.
 
 A robot's *tour* is all that it does until it stays somewhere for good. Tours are decided one after
 the other, each among those decided before (prioritised planning; Erdmann and Lozano-Pérez 1987).
