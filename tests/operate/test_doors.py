@@ -1,6 +1,7 @@
 """A door that has to be opened first: by a robot, once, and everybody drives through afterwards."""
 
 import math
+import random
 from dataclasses import replace
 
 import numpy as np
@@ -191,5 +192,32 @@ def test_an_opening_is_not_begun_at_a_door_that_is_out_of_order(tmp_path):
         day.restart()
         assert day.operation.shut == {"gate": "out of order"}
         assert day.operation.executor.withdrawn == told
+    finally:
+        day.operation.close()
+
+
+@pytest.mark.parametrize("seed", [0])
+def test_who_set_out_while_a_door_was_out_of_order_heeds_its_leaf_once_it_is_mended(tmp_path, seed):
+    """It swings to where somebody drives then: nobody was to move it when that was planned."""
+    rng = random.Random(f"mended {seed}")
+    fleet = two_rooms(tmp_path, seconds=1, robots=0)
+    fleet.add_robot_type("slow", (0.8, 0.6), model="diff", v_max=0.2, omega_max=1.5, reverse_cost=1)
+    fleet.add_place("far", 5.6, 8.2)
+    for name, kind, x, y in rng.sample((("r0", "slow", 1.5, 8.0), ("r1", "agv", 7.5, 4.5)), 2):
+        fleet.add_place(f"at_{name}", x, y)
+        fleet.add_robot(name, kind, start=f"at_{name}", end=f"at_{name}")
+    swung = replace(fleet.records.doors["gate"], open=(rng.uniform(3.5, 3.7), 7.6, 0.0))
+    fleet._hold(replace(fleet.records, doors={"gate": swung}))
+    day = Day(tmp_path, fleet=fleet, seed=seed)
+    try:
+        operation = day.operation
+        operation.close_door("gate")
+        operation.add({"id": "t0", "at": "far", "duration": 2, "robots": ["r0"]})
+        day.until(lambda: (w := operation.executor.state.of_object.get("r0")) and w.told > 0.3, 60)
+        operation.close_door("gate", BACK)
+        operation.add({"id": "t1", "at": "rack1", "duration": 2, "robots": ["r1"]})
+        day.run()
+        assert any(h.kind == "open" for h in day.robots.handled)
+        assert day.verdict().good, (day.verdict(), day.story())
     finally:
         day.operation.close()

@@ -9,10 +9,14 @@ from shapely.geometry import box
 from tests.operate.days import Day, Here
 from tests.operate.sites import hall
 from up_samp.execution.reports import Heard, Hold, Report
+from up_samp.fleet.faults import find_faults
 from up_samp.model import ProblemError
 from up_samp.operate.choice import body_at
+from up_samp.operate.horizon import Cut
 from up_samp.operate.judge import where
+from up_samp.operate.planner import problem_records
 from up_samp.operate.simulated import Mishaps
+from up_samp.operate.stitch import Kept, Question
 
 
 @pytest.fixture
@@ -168,6 +172,23 @@ def test_nobody_enters_a_blocked_area(day):
     assert day.verdict().good
     for drive in day.robots.drives:
         assert not any(9.5 < x < 11.5 and y < 3.9 for _, x, y, _ in drive.rows)
+
+
+def test_areas_are_called_as_anything(tmp_path):
+    """Also as a robot, a place or a zone of the site, which stays what it is."""
+    fleet = hall(tmp_path, 1)
+    fleet.add_zone("slow", [(4.0, 1.0), (8.0, 1.0), (8.0, 13.0), (4.0, 13.0)], v_max=0.5)
+    site = fleet.records
+    shapes = {n: ((12.0, k), (12.3, k), (12.3, k + 0.3))
+              for k, n in enumerate(("r0", "rack0", "slow", "wet / floor"))}  # fmt: skip
+    cut = Cut(0.0, poses={"r0": site.places["home0"].pose})
+    ask = Question(1, site, tmp_path, cut, Kept(), (), ("r0",), areas=shapes)
+    left = problem_records(ask)
+    assert find_faults(left) == []
+    assert left.zones["slow"] == site.zones["slow"]
+    closed = [z.polygon for z in left.zones.values() if z.keep_out == ("agv",)]
+    assert sorted(closed) == sorted(shapes.values())
+    assert left.zones.keys().isdisjoint({*left.robots, *left.places})
 
 
 @pytest.mark.parametrize("what", ["another", "the same again", "restart"])

@@ -208,8 +208,8 @@ def problem_records(ask: Question) -> FleetRecords:
     for name in ask.beside:
         _let_rest(ask, places, ask.cut.poses[name])
     zones = still_counted(site, ask.cut.poses, ask.robots)
-    for name, corners in ask.areas.items():
-        zones[name] = Zone(polygon=corners, keep_out=tuple(site.robot_types))
+    for number, corners in enumerate(ask.areas.values()):  # people call areas as they like
+        zones[f"area.{number}"] = Zone(polygon=corners, keep_out=tuple(site.robot_types))
     doors = dict(site.doors)
     for name, leaf in _still_leaves(ask).items():
         zones[f"leaf.{name}"] = Zone(leaf, tuple(site.robot_types))

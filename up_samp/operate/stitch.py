@@ -223,13 +223,13 @@ def _behind(kept: Kept, new: PlanDict, names: Mapping[str, str]) -> PlanDict:
             if a["name"] in names
         ),
     ]
-    # the new problem has doors open that are still to be opened: its motions heed them until then
-    shut = {c["object"] for c in kept.changes}
-    moved = (
-        {**m, "activity": names[m["activity"]], "avoid": sorted({*m["avoid"], *shut})}
-        for m in new["motions"]
-    )
-    plan["motions"] = [*kept.motions, *(_later(m, by * unit) for m in moved)]
+    # the new problem has doors open that are still to be opened, and what is kept may be of a time
+    # when nobody was to move a door: all heed them
+    doors = {c["object"] for c in (*kept.changes, *new["changes"])}
+    moved = (_later({**m, "activity": names[m["activity"]]}, by * unit) for m in new["motions"])
+    plan["motions"] = [
+        {**m, "avoid": sorted({*m["avoid"], *doors})} for m in (*kept.motions, *moved)
+    ]
     plan["changes"] = [
         *kept.changes,
         *(

@@ -411,8 +411,11 @@ def test_a_dxf_outline(tmp_path):
     space.add_lwpolyline([(0, 0), (20000, 0), (20000, -10000), (0, -10000)], close=True)
     space.add_circle((5000, -5000), 1000)
     space.add_line((10000, 0), (10000, -6000))
+    space.add_solid([(1000, -1000), (2000, -1000), (1000, -2000)])
+    space.add_text("hall")
     drawing.saveas(tmp_path / "hall.dxf")
-    import_file(tmp_path / "hall.dxf", tmp_path / "out")
+    notes = import_file(tmp_path / "hall.dxf", tmp_path / "out").notes
+    assert "what was left out, by kind: SOLID, TEXT" in notes
     _is_the_drawn_hall(grid(tmp_path / "out"))
 
 

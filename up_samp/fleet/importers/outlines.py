@@ -105,7 +105,7 @@ def import_dxf(source: Path, folder: Path, options: Options) -> Imported:
         scale = float(conversion_factor(drawing.units, 6))  # 6: metres
     else:
         notes.append("the drawing has no unit: taken as m")
-    found, made = _Drawn(), 0
+    found, made, left = _Drawn(), 0, set[str]()
     for entity in _entities(drawing.modelspace()):
         layer, points = str(entity.dxf.layer), list[tuple[float, float]]()
         if entity.dxftype() == "INSERT":
@@ -118,9 +118,12 @@ def import_dxf(source: Path, folder: Path, options: Options) -> Imported:
                 number_of(scale * v.x), number_of(scale * v.y)  # before many points are made
             points = [(scale * v.x, scale * v.y) for v in path.flattening(0.01 / scale)]
             found.add(layer, points, path.is_closed)
+        else:
+            left.add(entity.dxftype())
         made += 1 + len(points)
         if made > FILE_LIMITS.pieces:
             raise wrong(source, None, f"its lines have more than {FILE_LIMITS.pieces} points")
+    notes += listed({"what was left out, by kind": sorted(left)})
     return _finish(source, folder, found, notes)
 
 
