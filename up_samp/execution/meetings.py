@@ -322,6 +322,9 @@ def _side(
     *,
     planned: bool = True,
 ) -> Iterator[Edge]:
+    """Yield the edges of ``chosen`` pairs of cells where one of the two (or the other) is first:
+    the second one may go beyond its gate as soon as (lag 0) the first one has come out.
+    """
     rows = meeting.rows[chosen]
     if len(rows) == 0:
         return
