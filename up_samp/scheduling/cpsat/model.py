@@ -23,7 +23,6 @@ from up_samp.scheduling.cpsat.encode.forms import (
     clauses_of,
     compare,
     constant,
-    copied,
     disjunction,
 )
 from up_samp.scheduling.cpsat.encode.objective import Encoding, ends_in_time, lasts
@@ -400,7 +399,7 @@ class ScheduleModel:
         Times of absent activities are capped too, which costs nothing. Small domains make
         precedence cycles fail at once.
         """
-        copy = copied(self.store.model)
+        copy = self.store.model.clone()
         variables = copy.proto.variables
         for var in self.variables.time_variables():
             domain = variables[self.store.position(var)].domain

@@ -209,26 +209,11 @@ def indicator_sum(weighted: Iterable[tuple[Literal, int]]) -> Lin:
 # ------------------ The CP-SAT model under construction
 
 
-def copied(model: Any = None) -> Any:
-    """Return a copy of a CP-SAT model (``None``: an empty model), without the names that methods
-    had in older versions of OR-Tools: each model makes them anew, which takes longer than most of
-    ours take to copy.
-    """
-    if not hasattr(cp_model.CpModel, "_add_pre_pep8_methods"):
-        return cp_model.CpModel() if model is None else model.clone()
-    copy = cp_model.CpModel.__new__(cp_model.CpModel)
-    super(cp_model.CpModel, copy).__init__(None)
-    if model is not None:
-        copy.proto.copy_from(model.proto)
-        copy.rebuild_constant_map()
-    return copy
-
-
 class ModelStore:
     """The CP-SAT model under construction."""
 
     def __init__(self) -> None:
-        self.model = copied()
+        self.model = cp_model.CpModel()
         self.bounds: list[tuple[int, int]] = [(1, 1)]
         self._sure: set[Literal] = set()
         self._made: dict[int, Any] = {0: self.model.new_constant(1)}
