@@ -194,15 +194,15 @@ class JobRules:
         for order in self._records.orders:
             for kind, stop in zip(ENDS, (order.pickup, order.delivery), strict=True):
                 for mode, machine in self._work.machines.get(stop.task or "", {}).items():
-                    for a in self._work.option(order.id, kind, mode):
+                    for a in self._work.of(order.id, kind, mode):
                         only_with(self._problem, a, machine)
             if isinstance(order.attached, str):
                 for place in {v.option for v in self._work.activities if v.what == order.id}:
                     self._taken_on(order.id, order.attached, place)
 
     def _taken_on(self, order: str, before: str, place: str) -> None:
-        put = self._work.option(before, Kind.DELIVERY, place)
-        for a in self._work.option(order, Kind.PICKUP, place) if place else ():
+        put = self._work.of(before, Kind.DELIVERY, place)
+        for a in self._work.of(order, Kind.PICKUP, place) if place else ():
             self._problem.add_constraint(Or(Not(a.present), *(b.present for b in put)))
 
     def _done_once(self, job: Order | Task, activities: Sequence[Activity], part: str) -> None:

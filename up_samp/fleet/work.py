@@ -61,9 +61,12 @@ class Work:
             for a in self.busy[robot]:
                 self._limit(a, shift, ())
 
-    def of(self, what: str, *kinds: Kind) -> list[Activity]:
-        """Return the activities of a job of some kinds: one for each robot that may do it."""
-        return [a for v, a in self.activities.items() if v.what == what and v.kind in kinds]
+    def of(self, what: str, kind: Kind, option: str | None = None) -> list[Activity]:
+        """Return the activities of a kind of a job, one for each robot that may do it: of one
+        option, or (None) of all.
+        """
+        mine = [v for v in self.activities if (v.what, v.kind) == (what, kind)]
+        return [self.activities[v] for v in mine if option in (None, v.option)]
 
     def sides(self, robot: str, order: str) -> tuple[list[Activity], list[Activity]]:
         """Return a robot's pickups and deliveries of an order: one of each happens, or none."""
@@ -71,14 +74,9 @@ class Work:
         picks, delivers = ([self.activities[v] for v in mine if v.kind is kind] for kind in ENDS)
         return picks, delivers
 
-    def option(self, order: str, kind: Kind, name: str) -> list[Activity]:
-        """Return the activities of one option of an order's pickup or delivery."""
-        visits = self.activities.items()
-        return [a for v, a in visits if (v.what, v.kind, v.option) == (order, kind, name)]
-
     def seats(self, task: Task) -> list[list[Activity]]:
         """Return the activities of a task, seat by seat: one of each does it."""
-        return [self.option(task.id, Kind.TASK, seat) for seat in seats_of(task)]
+        return [self.of(task.id, Kind.TASK, seat) for seat in seats_of(task)]
 
     def begins(self, job: str) -> list[Activity]:
         """Return the activities of which one begins a job."""

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
+from up_samp.model.frames import Frame
+
 Configuration = tuple[float, ...]
 """``(x, y, theta)`` for SE2, ``(x, y, z, qx, qy, qz, qw)`` for SE3, in the world frame."""
 
@@ -126,10 +128,8 @@ class TrafficZone:
         the dock along its heading.
         """
         assert self.dock is not None
-        x, y, heading = self.dock
-        c, s = math.cos(heading), math.sin(heading)
-        dx, dy, turn = pose[0] - x, pose[1] - y, math.remainder(pose[2] - heading, math.tau)
-        return c * dx + s * dy, max(abs(c * dy - s * dx), abs(turn))
+        ahead, aside, turned = Frame(*self.dock).seen(pose)
+        return ahead, max(abs(aside), abs(turned))
 
     @property
     def long(self) -> float:

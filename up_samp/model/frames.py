@@ -39,6 +39,12 @@ class Frame:
         x, y, yaw = (float(v) for v in self.out(pose))
         return x, y, yaw
 
+    def seen(self, pose: Sequence[float]) -> tuple[float, float, float]:
+        """Return a pose of the other frame as seen from this one, half a turn off at most."""
+        dx, dy = pose[0] - self.x, pose[1] - self.y
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return c * dx + s * dy, c * dy - s * dx, math.remainder(pose[2] - self.yaw, math.tau)
+
     def points(self, given: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return points (n, 2) in this frame, such as corners, as points in the other one."""
         x, y = np.asarray(given, dtype=np.float64).reshape(-1, 2).T

@@ -165,7 +165,7 @@ class JobQueue:
         self.limits = limits
         self._command = command or WORKER
         self._jobs: OrderedDict[str, Job] = OrderedDict()
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._pool = ThreadPoolExecutor(limits.running)
         self._busy = 0
         """Jobs that wait, or are being done."""
@@ -180,18 +180,15 @@ class JobQueue:
     def check_room(self) -> None:
         """Raise :class:`queue.Full` where too many jobs wait."""
         with self._lock:
-            self._check_room()
-
-    def _check_room(self) -> None:
-        waiting = self._busy - self.limits.running
-        if self._closed or waiting >= self.limits.waiting:
-            raise queue.Full(f"{waiting} jobs are waiting already")
+            waiting = self._busy - self.limits.running
+            if self._closed or waiting >= self.limits.waiting:
+                raise queue.Full(f"{waiting} jobs are waiting already")
 
     def submit(self, kind: str, body: bytes, seconds: float) -> Job:
         """Queue a job (``kind``: plan, validate); raise :class:`queue.Full` if too many wait."""
         job = Job(kind, body, min(seconds, self.limits.seconds))
         with self._lock:
-            self._check_room()
+            self.check_room()
             self._jobs[job.id] = job
             self._forget()
             self._busy += 1

@@ -222,14 +222,14 @@ def path_trajectory(path: object, start: float, activity: str) -> Trajectory:
         raise ProblemError(f"the path of activity '{activity}' is empty")
     times: list[float] = [start]
     poses: list[tuple[float, float, float]] = []
-    turned = path.path[0][0].theta
+    turned = 0.0
     for pose, speed, turn, seconds in path.path:
-        # continuous heading: the representation nearest to where the last piece ended
-        theta = float(pose.theta + math.tau * round((turned - pose.theta) / math.tau))
         if len(poses) == len(times):
             poses.pop()  # a piece without duration led there
-        poses.append((float(pose.x), float(pose.y), theta))
-        turned = theta
+        # continuous heading: the representation nearest to where the last piece ended
+        whole = math.tau * round((turned - pose.theta) / math.tau) if poses else 0.0
+        turned = float(pose.theta + whole)
+        poses.append((float(pose.x), float(pose.y), turned))
         if seconds > 0:
             after = _after(poses[-1], speed, turn, seconds)
             turned = after[2]

@@ -187,14 +187,14 @@ def _offsets(
     base: Term, others: Iterable[Term], floor: RideFloor
 ) -> list[tuple[Configuration, Term]]:
     """Return the poses of ``others`` in the frame of ``base``, for all that these may be."""
-    found = []
+    found: list[tuple[Configuration, Term]] = []
     for one in _names(base, floor):
         for other in others:
             for name in _names(other, floor):
                 frame, pose = floor.configurations[one], floor.configurations[name]
                 if abs(floor.heights.get(one, 0.0) - floor.heights.get(name, 0.0)) > SAME:
                     continue
-                found.append((relative(frame, pose), Term(TermKind.CONSTANT, name)))
+                found.append((Frame(*frame).seen(pose), Term(TermKind.CONSTANT, name)))
     return list(dict.fromkeys(found))
 
 
@@ -202,13 +202,6 @@ def _names(term: Term, floor: RideFloor) -> list[str]:
     if term.kind is not TermKind.CONSTANT:
         return [n for n, pose in floor.configurations.items() if len(pose) == 3]
     return [term.name] if len(floor.configurations[term.name]) == 3 else []
-
-
-def relative(frame: Configuration, pose: Configuration) -> Configuration:
-    """Return a planar ``pose`` as seen from ``frame``: x, y in its axes, turned by theta."""
-    dx, dy = pose[0] - frame[0], pose[1] - frame[1]
-    c, s = math.cos(frame[2]), math.sin(frame[2])
-    return c * dx + s * dy, c * dy - s * dx, math.remainder(pose[2] - frame[2], math.tau)
 
 
 def _gap(one: Configuration, other: Configuration) -> float:

@@ -38,7 +38,7 @@ MIDDLE, BUTTON = 15.0, 4.1
 MOST = {"robots": 6, "doors": 5}
 
 
-def sequence_floor(doors: int, rng: random.Random | None = None, name: str = "") -> FamilyFloor:
+def sequence_floor(doors: int, rng: random.Random | None, name: str) -> FamilyFloor:
     """Return the building, with walls 0.6 m thick, one gap of 5 m in each, and doors, 1 x 6 m, that
     open by 6 m along their wall: the usual one, or one drawn from ``rng``.
     """
@@ -53,7 +53,7 @@ def sequence_floor(doors: int, rng: random.Random | None = None, name: str = "")
         x = round(x, 2)
         button = (round(x - BUTTON, 2), y, DOWN)
         leaves.append(FamilyDoor(f"door{i}", box(1, 6), (x, y, 0.0), (x, y + 6, 0.0), button))
-    floor = FamilyFloor(name or f"doors-{doors}", size, walls, leaves)
+    floor = FamilyFloor(name, size, walls, leaves)
     return floor.reshaped(rng)
 
 

@@ -50,7 +50,7 @@ UNLOAD_WITHIN = (10, 20)
 """When to unload: units after the preparation's start."""
 
 
-def kitting_floor(doors: int, rng: random.Random | None = None, name: str = "") -> FamilyFloor:
+def kitting_floor(doors: int, rng: random.Random | None, name: str) -> FamilyFloor:
     """Return the building, with walls 0.6 m thick and gaps of 4.4 m at the doors (even ones below
     the aisle, odd ones above it): the usual one, or one drawn from ``rng``.
     """
@@ -74,7 +74,7 @@ def kitting_floor(doors: int, rng: random.Random | None = None, name: str = "") 
     for pair in range(doors // 2 + 1):
         x = round(25.0 - ROOM / 2 + ROOM * pair, 1)
         walls += [(x - 0.2, 0.0, x + 0.2, lines[0]), (x - 0.2, lines[1], x + 0.2, size[1])]
-    floor = FamilyFloor(name or f"kitting-{doors}", size, walls, leaves)
+    floor = FamilyFloor(name, size, walls, leaves)
     return floor.reshaped(rng)
 
 

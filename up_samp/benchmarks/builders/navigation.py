@@ -37,7 +37,7 @@ def hall_floor(robot: int) -> float:
     return robot * (HALL[1] + THICK)
 
 
-def navigation_floor(robots: int, rng: random.Random | None = None, name: str = "") -> FamilyFloor:
+def navigation_floor(robots: int, rng: random.Random | None, name: str) -> FamilyFloor:
     """Return the building: the usual one, or one drawn from ``rng``."""
     size = HALL[0], robots * HALL[1] + (robots - 1) * THICK
     walls = outer_wall(*size)
@@ -45,7 +45,7 @@ def navigation_floor(robots: int, rng: random.Random | None = None, name: str = 
         low, high = hall_floor(r) - THICK, hall_floor(r)
         left = CORRIDOR[0] if rng is None else round(rng.uniform(4, 32), 1)
         walls += [(0.0, low, left, high), (left + CORRIDOR[1], low, HALL[0], high)]
-    floor = FamilyFloor(name or f"navigation-{robots}", size, walls)
+    floor = FamilyFloor(name, size, walls)
     return floor.reshaped(rng)
 
 
