@@ -135,8 +135,7 @@ def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
         raise wrong(source, None, "it has no level")
     name, level = next(iter(levels.items()))
     vertices = level["vertices"]
-    scale, up = _axes(source, building, level)
-    points = [(number_of(scale * v[0]), number_of(up * scale * v[1])) for v in vertices]
+    points, scale = _metres(source, building, level)
     floors, holes = (
         [Polygon([points[i] for i in f["vertices"]]) for f in level.get(key, ())]
         for key in ("floors", "holes")
@@ -165,19 +164,6 @@ def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
     lanes = preferred_lanes(edges, {*places, *robots, *doors, *(e.name for e in edges)})
     data |= {"robots": robots, "automatic_doors": doors, "zones": zones, "lanes": lanes}
     return finish(folder, data, [*notes, *of_lanes])
-
-
-def _axes(
-    source: Path, building: Mapping[str, Any], level: Mapping[str, Any]
-) -> tuple[float, float]:
-    """Return how many m a coordinate of a level is, and whether y points up (else -1)."""
-    match building.get("coordinate_system", "reference_image"):
-        case "reference_image":
-            return _scale(source, level), -1.0
-        case "cartesian_meters":
-            return 1.0, 1.0
-        case other:
-            raise UnsupportedError(f"{source}: coordinates of '{other}': only pixels, or metres")
 
 
 def _rmf_places(
@@ -223,6 +209,21 @@ def _rmf_lanes(
         limit = speed if speed > 0.0 else None
         found.append(LaneEdge(name, points[a], points[b], not both, limit))
     return found
+
+
+def _metres(
+    source: Path, building: Mapping[str, Any], level: Mapping[str, Any]
+) -> tuple[list[XY], float]:
+    """Return a level's vertices in m, y up, and how many m a unit of the file is."""
+    match building.get("coordinate_system", "reference_image"):
+        case "reference_image":
+            scale, up = _scale(source, level), -1.0
+        case "cartesian_meters":
+            scale, up = 1.0, 1.0
+        case other:
+            raise UnsupportedError(f"{source}: coordinates of '{other}': only pixels, or metres")
+    vertices = level["vertices"]
+    return [(number_of(scale * v[0]), number_of(up * scale * v[1])) for v in vertices], scale
 
 
 def _scale(source: Path, level: Mapping[str, Any]) -> float:
