@@ -120,6 +120,20 @@ def test_a_speed_limit_backwards_slows_or_turns_the_body_round(kinematics):
     )
 
 
+@pytest.mark.parametrize("start", [(15.0, 4.5, 0.0), (15.3, 4.5, 0.0), (14.8, 8.3, 0.0)])
+def test_no_second_opinion_is_asked_for_on_another_way(start):
+    """Who stands before a wall has to drive backwards, slow or not: that no way ahead was found
+    took a random search of 2 s each time.
+    """
+    service, asked = MotionService(hall()), []
+    lazily = service.legs._lazily
+    service.legs._lazily = lambda name, *rest: asked.append(name) or lazily(name, *rest)
+    body = Body(RING, replace(CAR, v_back=0.25))
+    motion = drive(body, start, (5.0, 4.5, math.pi), service=service).trajectory
+    assert np.min(twists(motion.poses)[:, 0]) < 0.0
+    assert asked == ["car", "car"]  # as it is, and ahead only
+
+
 @pytest.mark.parametrize("kinematics", [CAR, WHEELS], ids=["car", "diff"])
 def test_driving_backwards_is_chosen_where_it_is_worth_what_it_counts(kinematics):
     ends = (8.0, 4.5, 0.0), (5.0, 4.5, 0.0)

@@ -155,22 +155,27 @@ class Legs:
         self._missed: Memory[tuple[PathReport, float]] = Memory(4_000)
         """Why there is no leg, and the seconds in which none was found (inf: that is final)."""
 
-    def find(self, query: LegQuery, deadline: Deadline) -> tuple[str, Leg] | PathReport:
+    def find(
+        self, query: LegQuery, deadline: Deadline, *, most: int | None = None
+    ) -> tuple[str, Leg] | PathReport:
         """Return a leg from the cache or from the first planner that finds one, after that one's
         name, or why there is none.
+
+        :param most: planners that are asked, if not all.
         """
         straight = docking_leg(self.scene, query)
         if straight is not None:
             if straight.trajectory is None:
                 return self._not_straight(straight, query)
             return "straight", straight
-        names = planner_names(self.planner, query.body)
+        names = planner_names(self.planner, query.body)[:most]
         for name in names:
             known = self._usable(name, self._asked(name, query), deadline)
             if known is not None:
                 self.cache.hits += 1
                 return self._facing(query, name, known)
-        key = replace(query, obstacles=tuple(sorted(query.obstacles, key=lambda p: p.name)))
+        listed = tuple(sorted(query.obstacles, key=lambda p: p.name))
+        key = replace(query, obstacles=listed), len(names)
         limit = deadline.remaining()
         missed = self._missed.get(key)
         if missed is not None and limit <= _MORE_TIME * missed[1]:

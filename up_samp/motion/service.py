@@ -119,13 +119,18 @@ class MotionService:
         report, all_sought = self._quicker(query, whole, report, deadline)
         return report, final and all_sought
 
-    def _find(self, query: PathQuery, deadline: Deadline) -> tuple[str, list[Leg]] | PathReport:
-        """Return the legs of a query, and who planned the last one, or why there are none."""
+    def _find(
+        self, query: PathQuery, deadline: Deadline, most: int | None = None
+    ) -> tuple[str, list[Leg]] | PathReport:
+        """Return the legs of a query, and who planned the last one, or why there are none. At
+        ``most`` so many planners are asked for each.
+        """
         legs, used = [], ""
         for start, goal in itertools.pairwise(query.poses):
             if same_pose(start, goal):
                 continue
-            found = self.legs.find(LegQuery(query.body, start, goal, query.obstacles), deadline)
+            asked = LegQuery(query.body, start, goal, query.obstacles)
+            found = self.legs.find(asked, deadline, most=most)
             if isinstance(found, PathReport):
                 return found
             used, leg = found
@@ -187,9 +192,10 @@ class MotionService:
         self, query: PathQuery, other: PathQuery, deadline: Deadline
     ) -> tuple[tuple[PathReport, Trajectory] | None, bool]:
         """Return the answer to ``query`` by the way of another one, with its motion without limits
-        that hang on places (None: there is none), and whether it was sought to the end.
+        that hang on places (None: there is none), and whether it was sought to the end. There is a
+        way already: a second opinion on another one is not asked for.
         """
-        found = self._find(other, deadline)
+        found = self._find(other, deadline, most=1)
         if isinstance(found, PathReport):
             return None, found.outcome is not Outcome.OUT_OF_TIME
         used, legs = found
