@@ -74,7 +74,7 @@ def test_seconds_count_whatever_the_unit():
 def test_work_is_left_out_where_that_costs_less(penalty, left):
     fleet = hall({"driving": 1})
     fleet.add_order("o1", "shelfC", "dock", optional=True, penalty=penalty)
-    result = fleet.solve(timeout=60)
+    result = fleet.solve(patience=math.inf, timeout=60)
     assert result.left_out == left, result.explain()
     assert result.costs["left_out"] == (penalty if left else 0)
 
@@ -191,7 +191,7 @@ def test_robots_cost_what_their_type_says():
     wanted = 2 * (3 + 50 * metres / 1000 + 36 * hours)
     assert result.costs["cost"] == pytest.approx(wanted, abs=0.01)
     # the other one costs nothing
-    assert pair({"cost": 1}).solve(timeout=60).costs["cost"] == 0
+    assert pair({"cost": 1}).solve(patience=math.inf, timeout=60).costs["cost"] == 0
     with pytest.raises(FleetError, match="cost: say what robots cost, as costs of a type"):
         hall({"cost": 1}).solve(timeout=60)
     with pytest.raises(FleetError, match="energy: say what drives take, as battery of a type"):
