@@ -2,17 +2,24 @@
 charge does.
 """
 
+import random
+from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from tests.operate.days import Day
 from tests.operate.sites import hall
 from tests.operate.wire import AgvFloor
+from up_samp.fleet.statements import Kind, Meaning
 from up_samp.model import ProblemError, UnsupportedError
-from up_samp.operate.planner import check_site
-from up_samp.operate.records import Settings
+from up_samp.operate.horizon import Cut
+from up_samp.operate.planner import _solved, check_site
+from up_samp.operate.records import Settings, job_record
 from up_samp.operate.simulated import SimulatedRobots
+from up_samp.operate.stitch import Kept, Question
 from up_samp.operate.upkeep import charge_task, low, start_levels, with_levels
 
 BATTERY = {"capacity": 100.0, "per_metre": 0.5, "per_second": 0.05, "reserve": 10.0, "level": 60.0}
@@ -88,15 +95,59 @@ def test_batteries_without_a_charger_are_refused(tmp_path):
 def test_levels_of_a_plan(tmp_path):
     site = charged_hall(tmp_path, 2).records
     assert low(site, {"r0": 0.36, "r1": 0.38}, 0.3) == ["r0"]
-    task = charge_task(site, "r0", 0.4, "charge.r0.7", 12.0)
-    assert (task.at, task.duration, task.robots, task.due) == (("charger",), 30.0, ("r0",), 12.0)
-    begins = start_levels(site, {"r0": 0.5, "r1": 0.02}, {}, {}, ())
-    assert begins == {"r0": 50.0, "r1": pytest.approx(10.1)}
-    told = with_levels(site, begins, ["r1"])
-    assert (told.robots["r0"].level, told.robots["r1"].level) == (50.0, 100.0)
+    task = charge_task(site, "r0", "charge.r0.7", 12.0)
+    assert (task.at, task.duration, task.robots, task.due) == (("charger",), 45.0, ("r0",), 12.0)
+    assert start_levels(site, {"r0": 0.5, "r1": 0.02}, {}, {}, ()) == {"r0": 50.0, "r1": 10.0}
+    assert start_levels(site, {"r1": 0.4}, {}, {}, ()) == {"r0": 60.0, "r1": 40.0}
+    told = with_levels(site, {"r0": 50.0})
+    assert (told.robots["r0"].level, told.robots["r1"].level) == (50.0, None)
     assert all(place.charger is None for place in told.places.values())
     with pytest.raises(ProblemError, match="'r0' has no battery"):
-        charge_task(hall(tmp_path, 1).records, "r0", 0.4, "charge.r0.7", 0.0)
+        charge_task(hall(tmp_path, 1).records, "r0", "charge.r0.7", 0.0)
+
+
+def test_what_is_kept_takes_after_a_charge_too(tmp_path):
+    site, path = charged_hall(tmp_path).records, SimpleNamespace(length=20.0)
+    path.natural = SimpleNamespace(times=[0.0, 40.0])
+    drives = {("there", "r0"): SimpleNamespace(path=path), ("on", "r0"): SimpleNamespace(path=path)}
+    meanings = {n: Meaning(Kind.MOVE, "", "r0") for n in ("there", "on")}
+    meanings["plug"] = Meaning(Kind.TASK, "charge.r0.0", "r0")
+    for kept, level in (
+        (("there", "on"), 26.0), (("there", "plug"), 100.0), (("there", "plug", "on"), 88.0),
+    ):  # fmt: skip
+        assert start_levels(site, {"r0": 0.5}, drives, meanings, kept) == {"r0": level}
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_who_is_to_charge_is_planned_from_what_it_has(tmp_path, seed):
+    """The order is on the way to the charger, and cannot be done before with what is there."""
+    rng = random.Random(seed)
+    site = charged_hall(tmp_path, reserve=rng.choice([0.0, 10.0])).records
+    names = [*site.places]
+    rng.shuffle(names)
+    site = replace(site, places={n: site.places[n] for n in names})
+    reserve = site.robot_types["agv"].battery.reserve
+    level = reserve + rng.uniform(11.0, 13.0)
+    order = job_record({"id": "o0", "pickup": "rack2", "delivery": "dock2"})
+    jobs = [charge_task(site, "r0", "charge.r0.0", 0.0), order]
+    rng.shuffle(jobs)
+    cut = Cut(since=0.0, poses={"r0": site.places["rack0"].pose})
+    ask = Question(
+        1, site, tmp_path, cut, Kept(), tuple(jobs), ("r0",), levels={"r0": level},
+        computing=True,
+    )  # fmt: skip
+    written, plan = _solved(ask, None)
+    rows = {m["activity"]: np.array(m["samples"]) for m in plan["motions"]}
+    least = level
+    for a in sorted(plan["activities"], key=lambda a: a["start"]):
+        if a["name"] in rows:
+            way = rows[a["name"]]
+            level -= 0.5 * np.hypot(*np.diff(way[:, 1:3], axis=0).T).sum()
+            level -= 0.05 * (way[-1, 0] - way[0, 0])
+        elif written.meanings[a["name"]].what == "charge.r0.0":
+            level = 100.0
+        least = min(least, level)
+    assert least >= reserve - 1e-6
 
 
 def test_drives_take_and_chargers_give(tmp_path):

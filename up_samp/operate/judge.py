@@ -21,6 +21,7 @@ from up_samp.fleet.fields import corners_of
 from up_samp.fleet.outlines import movable, rules_for
 from up_samp.fleet.records import FleetRecords, Order, visited
 from up_samp.fleet.statements import Kind
+from up_samp.model.graphs import grouped
 from up_samp.operate.records import DayOrder, OrderState, Pose, nothing_planned
 from up_samp.validation.collisions import JudgedShape, placed
 from up_samp.validation.kinematics import limits_of, speeds_on_way
@@ -37,7 +38,8 @@ class DayVerdict:
     """``contacts``: who met. ``lost``: orders that were taken and not done; ``twice``: done more
     than once; ``elsewhere``: what was done where it should not have been, or too early, in words;
     ``unruly``: who drove as its type or a zone forbids, in words; ``crowded``: zones in which there
-    were more robots than they take, in words.
+    were more robots than they take, in words; ``overfull``: resources that were used by more than
+    they have, and robots with more on board than fits, in words.
     """
 
     contacts: tuple[Contact, ...]
@@ -46,6 +48,7 @@ class DayVerdict:
     elsewhere: tuple[str, ...]
     unruly: tuple[str, ...] = ()
     crowded: tuple[str, ...] = ()
+    overfull: tuple[str, ...] = ()
 
     @property
     def wrong(self) -> dict[str, int]:
@@ -83,7 +86,8 @@ def judge_day(
             elsewhere += _of_order(site, job.record, mine, initial, drives)
     met = contacts(site, initial, drives, handled)
     rules, crowds = tuple(unruly(site, drives)), tuple(crowded(site, initial, drives))
-    return DayVerdict(tuple(met), tuple(lost), tuple(twice), tuple(elsewhere), rules, crowds)
+    full = tuple(overfull(site, jobs, handled))
+    return DayVerdict(tuple(met), tuple(lost), tuple(twice), tuple(elsewhere), rules, crowds, full)
 
 
 def _may_begin(job: DayOrder, kind: str, over: Mapping[str, float]) -> float:
@@ -117,6 +121,43 @@ def crowded(
             count += by
             if by > 0 and count > zone.max_robots:
                 yield f"'{robot}' came into '{name}' at {when:.1f} s as number {count}"
+
+
+def overfull(
+    site: FleetRecords, jobs: Mapping[str, DayOrder], handled: Sequence[Handled]
+) -> Iterable[str]:
+    """Yield which resources were used by more than they have, and which robots had more on board
+    than fits, by what was done.
+    """
+    for (what, name, most), uses in grouped(_uses(site, jobs, handled), lambda u: u[0]).items():
+        count = 0
+        for when, by in sorted(change for _, *two in uses for change in two):
+            count += by
+            if by > 0 and count > most:
+                yield f"'{name}' ({what}) had {count} at {when:.1f} s, and takes {most}"
+
+
+Use = tuple[tuple[str, str, int], tuple[float, int], tuple[float, int]]
+"""What is used of what, and how much there is; from when on (s), until when, and how much."""
+
+
+def _uses(
+    site: FleetRecords, jobs: Mapping[str, DayOrder], handled: Sequence[Handled]
+) -> Iterable[Use]:
+    """Yield what things done at places used, and what picked up was on board of whom until it was
+    brought, or picked up again.
+    """
+    for h in (h for h in handled if h.what in jobs):
+        record, picked = jobs[h.what].record, h.kind == "pick"
+        for name in visited(record)[0 if picked else -1].resources:
+            key = "resource", name, site.resources[name].capacity
+            yield key, (h.start, 1), (h.end, -1)
+        if isinstance(record, Order) and picked:
+            room = site.robot_types[site.robots[h.robot].type].capacity
+            later = (o.start for o in handled if o.what == h.what and o.start > h.start)
+            until = max(h.end, min(later, default=math.inf))
+            for load, count in record.load.items():
+                yield (load, h.robot, room.get(load, 0)), (h.end, count), (until, -count)
 
 
 def unruly(site: FleetRecords, drives: Sequence[Drive]) -> Iterable[str]:

@@ -357,9 +357,8 @@ class Operation(Day):
         if name in self.charging():
             raise ProblemError(f"'{name}' is to charge already")
         number = sum(upkeep.is_charge(job) for job in self.jobs)
-        level = self.robots.levels.get(name, 0.0)
         named = f"{upkeep.CHARGE}{name}.{number}"
-        return self.add(upkeep.charge_task(self.site, name, level, named, self.clock.now()))
+        return self.add(upkeep.charge_task(self.site, name, named, self.clock.now()))
 
     def charging(self) -> set[str]:
         """Return the robots that are to charge, or do so."""

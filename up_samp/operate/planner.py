@@ -41,7 +41,7 @@ from up_samp.model import ProblemError, SampError, UnsupportedError
 from up_samp.model.deadline import computing_time
 from up_samp.operate.records import Pose, Shape
 from up_samp.operate.stitch import BUSY, Question, stitched
-from up_samp.operate.upkeep import charger_of, is_charge, with_levels
+from up_samp.operate.upkeep import charger_of, state_charges, with_levels
 from up_samp.operate.zones import still_counted
 from up_samp.system.child import ProcessGroup, command, environment
 
@@ -215,9 +215,7 @@ def problem_records(ask: Question) -> FleetRecords:
         zones[f"leaf.{name}"] = Zone(leaf, tuple(site.robot_types))
         del doors[name]
     left = replace(site, places=places, robots=robots, zones=zones, doors=doors)
-    left = _with_jobs(left, jobs)
-    charging = (r for task in left.tasks if is_charge(task.id) for r in task.robots)
-    return with_levels(left, ask.levels, charging)
+    return with_levels(_with_jobs(left, jobs), ask.levels)
 
 
 def _time_left(ask: Question, robot: str) -> float:
@@ -315,6 +313,7 @@ def _solved(ask: Question, cache: MotionCache | None) -> tuple[Written, PlanDict
 
     records = problem_records(ask)
     written = write_problem(records, ask.folder)
+    state_charges(ask.site, written)
     params: dict[str, Any] = {"seed": ask.settings.seed, "cache": cache, "patience": 0.0}
     params |= records.settings | {"reproducible": True}  # whatever else this machine does
     beside = WRITING + EACH_KEPT * len(ask.kept.activities)

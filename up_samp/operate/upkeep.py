@@ -12,8 +12,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from up_samp.execution.lives import DriveCells
+from up_samp.fleet.batteries import battery_of as level_of
+from up_samp.fleet.batteries import first_level, usable
 from up_samp.fleet.records import Battery, Charger, FleetRecords, Robot, Task
-from up_samp.fleet.statements import Meaning
+from up_samp.fleet.statements import Meaning, Written
 from up_samp.model import ProblemError
 from up_samp.operate.choice import Day
 
@@ -67,12 +69,12 @@ def seconds_to_fill(site: FleetRecords, battery: Battery, amount: float) -> floa
     return max(found)
 
 
-def charge_task(site: FleetRecords, robot: str, level: float, name: str, now: float) -> Task:
-    """Return the task of charging a robot until it is full, from a ``level`` (share of a full
-    battery) on, at any charger, by the slowest of them: what it is to do next.
+def charge_task(site: FleetRecords, robot: str, name: str, now: float) -> Task:
+    """Return the task of charging a robot until it is full, at any charger, for as long as it takes
+    from the reserve on by the slowest of them: what it is to do next.
     """
     battery, chargers = battery_of(site, robot), charger_of(site)
-    seconds = seconds_to_fill(site, battery, (1.0 - level) * battery.capacity)
+    seconds = seconds_to_fill(site, battery, battery.capacity - battery.reserve)
     return Task(
         id=name,
         at=tuple(chargers),
@@ -90,9 +92,18 @@ def low(site: FleetRecords, levels: Mapping[str, float], share: float) -> list[s
     return [
         robot
         for robot, battery in batteries_of(site).items()
-        if levels.get(robot, 1.0) * battery.capacity - battery.reserve
+        if _level(site, levels, robot) - battery.reserve
         < share * (battery.capacity - battery.reserve)
     ]
+
+
+def _level(site: FleetRecords, levels: Mapping[str, float], robot: str) -> float:
+    """Return a robot's level (the user's units): what it told, and before that, what the site says
+    that it has at first.
+    """
+    if robot in levels:
+        return levels[robot] * battery_of(site, robot).capacity
+    return first_level(site, robot)
 
 
 def start_levels(
@@ -103,33 +114,38 @@ def start_levels(
     kept: Iterable[str],
 ) -> dict[str, float]:
     """Return with what level (the user's units) each robot begins a plan that follows what is
-    ``kept``: what it told last less what its drives until then take; full where it charges.
+    ``kept``, in its order: what it told last less what its drives take; full after it charges.
     """
-    names = set(kept)
-    ahead = [drive for (name, _), drive in drives.items() if name in names]
-    charged = {m.robot for n, m in meanings.items() if n in names and is_charge(m.what)}
-    found = {}
-    for robot, battery in batteries_of(site).items():
-        mine = [drive.path for drive in ahead if drive.object == robot]
-        level = levels.get(robot, 1.0) * battery.capacity
-        level -= battery.per_metre * sum(path.length for path in mine)
-        level -= battery.per_second * sum(float(path.natural.times[-1]) for path in mine)
-        least = battery.reserve + 1e-3 * battery.capacity
-        found[robot] = battery.capacity if robot in charged else max(least, level)
-    return found
+    batteries = batteries_of(site)
+    found = {robot: _level(site, levels, robot) for robot in batteries}
+    for name in kept:
+        robot = meanings[name].robot
+        if robot not in batteries:
+            continue
+        battery, drive = batteries[robot], drives.get((name, robot))
+        if is_charge(meanings[name].what):
+            found[robot] = battery.capacity
+        elif drive is not None:
+            found[robot] -= battery.per_metre * drive.path.length
+            found[robot] -= battery.per_second * float(drive.path.natural.times[-1])
+    return {robot: max(batteries[robot].reserve, level) for robot, level in found.items()}
 
 
-def with_levels(
-    site: FleetRecords, levels: Mapping[str, float], charging: Iterable[str]
-) -> FleetRecords:
-    """Return a site in which robots begin with some levels, those that are to charge first as if
-    they had, and nobody charges by itself.
-    """
-    full = {robot: battery_of(site, robot).capacity for robot in charging}
-    begins = {**levels, **full}
-    robots = {n: replace(r, level=begins.get(n)) for n, r in site.robots.items()}
+def with_levels(site: FleetRecords, levels: Mapping[str, float]) -> FleetRecords:
+    """Return a site in which robots begin with some levels, and nobody charges by itself."""
+    robots = {n: replace(r, level=levels.get(n)) for n, r in site.robots.items()}
     places = {n: replace(p, charger=None) for n, p in site.places.items()}
     return replace(site, robots=robots, places=places)
+
+
+def state_charges(site: FleetRecords, written: Written) -> None:
+    """State in a day's problem that robots are full once their tasks of charging are done."""
+    for activity in written.problem.activities:
+        meaning = written.meanings[activity.name]
+        if is_charge(meaning.what):
+            level = written.problem.fluent(level_of(meaning.robot))
+            full = usable(battery_of(site, meaning.robot))
+            activity.add_effect(activity.end - 1, level(), full)
 
 
 # ------------------ Breaks and shifts

@@ -460,12 +460,117 @@ def test_a_hall_of_lines_with_zones_places_and_blocks(tmp_path, seed):
     assert state_at(site, 10.0, 3.0) == "free"
 
 
+def _are_as_thick(site, walls):
+    """Walls (m): from where on, to where, and how thick they are at either end."""
+    for (x, y), (to_x, to_y), *widths in walls:
+        long = math.dist((x, y), (to_x, to_y))
+        across = np.array([y - to_y, to_x - x]) / long
+        for share in (0.1, 0.5, 0.9):
+            middle = np.array([x, y]) + share * np.array([to_x - x, to_y - y])
+            half = (widths[0] + share * (widths[-1] - widths[0])) / 2
+            for side in (-1, 1):
+                inside, outside = (
+                    state_at(site, *(middle + side * (half + by) * across)) for by in (-0.02, 0.12)
+                )
+                assert (inside, outside) == ("occupied", "free"), (x, y, share, side)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_walls_of_a_dxf_drawing_are_as_thick_as_its_polylines(tmp_path, seed):
+    ezdxf = pytest.importorskip("ezdxf")
+    rng = random.Random(seed)
+    units, metre = rng.choice([(4, 1000.0), (5, 100.0), (6, 1.0)])
+    drawing = ezdxf.new(units=units)
+    space = drawing.modelspace()
+
+    def wall(space, *corners, **options):  # x, y, width from there on, width at the next one
+        rows = [[metre * value for value in corner] for corner in corners]
+        return space.add_lwpolyline(rows, format="xyse", **options)
+
+    def old(closed=False):
+        made = space.add_polyline2d([(metre * 12, metre * 2), (metre * 12, metre * 8)])
+        made.dxf.default_start_width = made.dxf.default_end_width = 0.6 * metre
+        return made
+
+    even, round_ = drawing.blocks.new("even"), drawing.blocks.new("round")
+    wall(even, (0, 0, 0.2, 0.2), (0, 3, 0.2, 0.2))
+    arc = round_.add_lwpolyline([(0, 0, 1), (metre, 0, 0)], format="xyb")
+    arc.dxf.const_width = 0.2 * metre
+    shown = [
+        lambda: wall(space, (0, 0), (24, 0), (24, 10), (0, 10), close=True),
+        lambda: setattr(wall(space, (2, 2), (2, 8)).dxf, "const_width", 0.5 * metre),
+        lambda: wall(space, (6, 2, 0.4, 1.2), (6, 8, 0.3, 0.3), (10, 8, 0.0, 0.0)),
+        old,
+        lambda: space.add_blockref(
+            "even", (16 * metre, 2 * metre), {"xscale": 2, "yscale": 2, "zscale": 2}
+        ),
+        lambda: space.add_blockref("round", (20 * metre, 5 * metre), {"xscale": 2, "yscale": 1}),
+    ]
+    for draw in rng.sample(shown, len(shown)):
+        draw()
+    drawing.saveas(tmp_path / "hall.dxf")
+    notes = import_file(tmp_path / "hall.dxf", tmp_path / "out").notes
+    assert "widths not read, taken as 0.05 m: in block 'round'" in notes
+    walls = [
+        ((2, 2), (2, 8), 0.5), ((6, 2), (6, 8), 0.4, 1.2), ((7, 8), (10, 8), 0.3),
+        ((12, 2), (12, 8), 0.6), ((16, 2), (16, 8), 0.4),
+    ]  # fmt: skip
+    _are_as_thick(grid(tmp_path / "out"), walls)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_walls_of_an_svg_drawing_are_as_thick_as_its_strokes(tmp_path, seed):
+    pytest.importorskip("svgelements")
+    rng = random.Random(seed)
+    cell, drawn = rng.choice([0.5, 0.02, 0.1]), []
+
+    def n(metres):
+        return f"{metres / cell:.9g}"
+
+    def line(x, y, to_x, to_y, rest):
+        return f'<line x1="{n(x)}" y1="{n(y)}" x2="{n(to_x)}" y2="{n(to_y)}" {rest}/>'
+
+    mm = cell * 96 / 25.4
+    drawn = [
+        f'<rect width="{n(24)}" height="{n(10)}" fill="none" stroke="none" stroke-width="99"/>',
+        line(2, 2, 2, 8, f'stroke="red" stroke-width="{n(0.5)}"'),
+        f'<g style="stroke:#000;stroke-width:{n(0.3)}">{line(4, 2, 9, 2, "")}</g>',
+        line(6, 2, 6, 4, f'stroke="#000" stroke-width="{n(0.2)}" transform="scale(2)"'),
+        line(15, 5, 18, 5, f'stroke="#000" style="stroke-width:{0.4 / mm:.9g}mm"'),
+        line(20, 2, 20, 8, 'id="hair" stroke="red" vector-effect="non-scaling-stroke"'),
+        line(22, 2, 22, 8, 'id="odd" stroke="red" stroke-width="-3"'),
+    ]
+    rng.shuffle(drawn)
+    box = f'viewBox="0 0 {n(24)} {n(10)}" width="100mm" height="50mm"'
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" {box}>'
+    (tmp_path / "x.svg").write_text(head + "".join(drawn) + "</svg>")
+    notes = import_file(tmp_path / "x.svg", tmp_path / "out", options=Options(cell=cell)).notes
+    (note,) = [n for n in notes if n.startswith("widths not read, taken as 0.05 m")]
+    assert ("'hair'" in note, "'odd'" in note) == (True, True)
+    walls = [
+        ((2, -2), (2, -8), 0.5), ((4, -2), (9, -2), 0.3), ((12, -4), (12, -8), 0.4),
+        ((15, -5), (18, -5), 0.4),
+    ]  # fmt: skip
+    _are_as_thick(grid(tmp_path / "out"), walls)
+
+
 @pytest.mark.parametrize(
     ("name", "text", "what"),
     [
         ("x.map", "no map", "no Moving AI map"),
         ("x.map", "type octile\nheight 1\nwidth 2\nmap\n.?\n", "unknown cell '\\?'"),
         ("x.scen", "a\nb", "no Moving AI scenario"),
+        (
+            "x.scen",
+            "version 1\n\n0 a.map 9 9 1 1 2 2 1\n0 b.map 9 9 1 1 2 2 1\n",
+            "x.scen:4: it is on b.map, others on a.map",
+        ),
+        ("x.scen", "version 1\n0 a.map 9 9 1 1 2 2\n", "x.scen:2: a line has a bucket"),
+        ("x.fjs", "2 2\n1 1 2 7\n1 1 2 7 1\n", "x.fjs:3: numbers are left over: 1 is the first"),
+        ("x.fjs", "1 2 1.5\n1 1 2 7.5\n", "x.fjs:2: numbers are needed: '7.5' is no whole number"),
+        ("x.fjs", "1 2\n1 1 2 7\n1 1 2 7\n", "x.fjs: 1 jobs are announced, there are 2"),
+        ("x.jsp", "1 1\n0 1.5\n", "x.jsp:2: numbers are needed: '1.5' is no whole number"),
+        ("x.jsp", "1.5 1\n0 1\n", "x.jsp:1: numbers are needed: '1.5' is no whole number"),
         ("x.lif", "{}", "not readable as a LIF layout: .layouts. is not there"),
         ("x.building.yaml", "a: 1", "not readable as an RMF building map"),
         ("x.jsp", "2 2\n0 1 1", "4 numbers are needed"),

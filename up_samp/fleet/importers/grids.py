@@ -51,15 +51,21 @@ def import_movingai(source: Path, folder: Path, options: Options) -> Imported:
     if source.suffix == ".map":
         return finish(folder, _grid(source, folder, options), _notes(options))
     lines = text_of(source).splitlines()
-    entries = [line.split() for line in lines[1:] if line.strip()]
+    entries = [(n, line.split()) for n, line in enumerate(lines, 1) if n > 1 and line.strip()]
     if not lines or not lines[0].startswith("version") or not entries:
         raise wrong(source, 1, "no Moving AI scenario: it begins with 'version 1'")
-    if any(len(e) != 9 for e in entries):
-        raise wrong(source, None, "each line has a bucket, a map, its size, start, goal and length")
-    map_file = _beside(source, entries[0][1])
+    name = ""
+    for number, entry in entries:
+        if len(entry) != 9:
+            text = "a line has a bucket, a map, its size, start, goal and length"
+            raise wrong(source, number, text)
+        name = name or entry[1]
+        if entry[1] != name:
+            raise wrong(source, number, f"it is on {short(entry[1])}, others on {short(name)}")
+    map_file = _beside(source, name)
     data = _grid(map_file, folder, options)
     height = read_movingai_map(map_file).shape[0]
-    for i, entry in enumerate(entries[: options.robots]):
+    for i, (_, entry) in enumerate(entries[: options.robots]):
         x, y, goal_x, goal_y = (int(v) for v in entry[4:8])
         data["places"][f"start{i}"] = _pose(y, x, height, options.cell)
         data["places"][f"goal{i}"] = _pose(goal_y, goal_x, height, options.cell)

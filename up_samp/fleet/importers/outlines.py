@@ -5,16 +5,16 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 from xml.etree import ElementTree
 
 import numpy as np
 import shapely
-from shapely.geometry import LineString, Polygon
+from shapely.geometry import LinearRing, LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 from shapely.ops import polygonize, unary_union
 
@@ -67,19 +67,31 @@ def map_from_polygons(
 
 @dataclass
 class _Drawn:
-    """What a drawing shows (m): closed outlines, lines, and by name what is there to be known."""
+    """What a drawing shows (m): closed outlines, lines, and by name what is there to be known;
+    ``thick``: what lines cover that have a width; ``thin``: of which that is not known.
+    """
 
     rings: list[list[tuple[float, float]]] = field(default_factory=list)
     lines: list[list[tuple[float, float]]] = field(default_factory=list)
     zones: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
     places: dict[str, list[float]] = field(default_factory=dict)
+    thick: list[BaseGeometry] = field(default_factory=list)
+    thin: dict[str, None] = field(default_factory=dict)
 
     def add(
-        self, layer: str, points: list[tuple[float, float]], closed: bool, name: str = ""
+        self,
+        layer: str,
+        points: list[tuple[float, float]],
+        closed: bool,
+        name: str = "",
+        thick: BaseGeometry | None = None,
     ) -> None:
-        """Add what is drawn on a layer; a zone has its own ``name``, or else its layer's."""
+        """Add what is drawn on a layer, and what its line covers; a zone, which is within its line,
+        has its own ``name``, or else its layer's.
+        """
         if not layer.lower().startswith(_ZONE):
             (self.rings if closed else self.lines).append(points)
+            self.thick += filter(None, [thick])
         elif closed:
             self.zones[name_of(name or layer[len(_ZONE) :], self.zones, _ZONE)] = points
         else:
@@ -105,7 +117,7 @@ def import_dxf(source: Path, folder: Path, options: Options) -> Imported:
         scale = float(conversion_factor(drawing.units, 6))  # 6: metres
     else:
         notes.append("the drawing has no unit: taken as m")
-    found, made, left = _Drawn(), 0, set[str]()
+    found, made, left = _Drawn(thin=_stretched(drawing)), 0, set[str]()
     for entity in _entities(drawing.modelspace()):
         layer, points = str(entity.dxf.layer), list[tuple[float, float]]()
         if entity.dxftype() == "INSERT":
@@ -117,7 +129,7 @@ def import_dxf(source: Path, folder: Path, options: Options) -> Imported:
             for v in (path.start, *path.control_vertices()):
                 number_of(scale * v.x), number_of(scale * v.y)  # before many points are made
             points = [(scale * v.x, scale * v.y) for v in path.flattening(0.01 / scale)]
-            found.add(layer, points, path.is_closed)
+            found.add(layer, points, path.is_closed, thick=_traced(entity, scale))
         else:
             left.add(entity.dxftype())
         made += 1 + len(points)
@@ -125,6 +137,32 @@ def import_dxf(source: Path, folder: Path, options: Options) -> Imported:
             raise wrong(source, None, f"its lines have more than {FILE_LIMITS.pieces} points")
     notes += listed({"what was left out, by kind": sorted(left)})
     return _finish(source, folder, found, notes)
+
+
+def _has_width(entity: Any) -> bool:
+    """Return whether an entity of DXF is a polyline with a width, constant or by vertex."""
+    return getattr(entity, "has_width", False)
+
+
+def _stretched(drawing: Any) -> dict[str, None]:
+    """Return which blocks are stretched to one side, where any of a drawing has bends with a width:
+    such bends become ellipses, which have none.
+    """
+    parts = [part for block in drawing.blocks for part in block]
+    blocks = [e for e in parts if e.dxftype() == "INSERT" and not e.has_uniform_scaling]
+    bends = any(_has_width(e) and e.has_arc for e in parts)
+    return {f"in block '{e.dxf.name}'": None for e in blocks if bends}
+
+
+def _traced(entity: Any, scale: float) -> BaseGeometry | None:
+    """Return what a polyline with a width covers (m): ``scale`` m are a unit of the drawing."""
+    from ezdxf.render.trace import TraceBuilder
+
+    if not _has_width(entity) or not len(entity):
+        return None
+    faces = TraceBuilder.from_polyline(entity).faces_wcs(entity.ocs(), 0.0)
+    corners = ([(number_of(scale * v.x), number_of(scale * v.y)) for v in face] for face in faces)
+    return unary_union([shapely.MultiPoint(face).convex_hull for face in corners])
 
 
 _SHAPES = ("LWPOLYLINE", "POLYLINE", "LINE", "CIRCLE", "ARC", "SPLINE", "ELLIPSE")
@@ -156,12 +194,15 @@ def import_svg(source: Path, folder: Path, options: Options) -> Imported:
         _check_pieces(source, root)
         _prepare(root)
         text = io.BytesIO(ElementTree.tostring(root))
-        drawing = svgelements.SVG.parse(text, ppi=96)
+        drawing = svgelements.SVG.parse(text, ppi=96, reify=False)
     except (OSError, SyntaxError) as error:
         raise wrong(source, None, f"not readable as SVG: {error}") from error
     found = _Drawn()
     for shape in drawing.elements(lambda e: isinstance(e, svgelements.Shape)):
         layer, name = (str(shape.values.get(key, "")) for key in (_ON_LAYER, _NAMED))
+        width = options.cell * _stroke(shape)
+        if math.isnan(width):
+            found.thin[f"'{name or shape.id or layer}'"] = None
         whole = svgelements.Path(shape).reify()  # what is turned, too, where it is drawn
         for part in whole.as_subpaths():
             path = svgelements.Path(part)
@@ -171,10 +212,37 @@ def import_svg(source: Path, folder: Path, options: Options) -> Imported:
                 found.places[place] = _pose_of(points)
                 continue
             closed = len(points) > 3 and math.dist(points[0], points[-1]) < 1e-6
-            found.add(layer, points, closed, name)
+            found.add(layer, points, closed, name, _stroked(shape, points, closed, width))
     return _finish(source, folder, found, [f"a unit of the drawing is {options.cell:g} m"])
 
 
+def _stroke(shape: Any) -> float:
+    """Return how wide (units of the drawing) a shape's line is where it is widest: 0 where none is
+    drawn, NaN where that cannot be read.
+    """
+    if str(shape.values.get("stroke") or "none").strip().lower() == "none":
+        return 0.0
+    on_screen = "non-scaling" in str(shape.values.get("vector-effect"))
+    width = shape.stroke_width
+    if on_screen or not (isinstance(width, int | float) and width >= 0):
+        return math.nan
+    t = shape.transform
+    stretched = float(np.linalg.norm([[t.a, t.c], [t.b, t.d]], 2))
+    return number_of(stretched * width)
+
+
+def _stroked(
+    shape: Any, points: list[tuple[float, float]], closed: bool, width: float
+) -> BaseGeometry | None:
+    """Return what a line covers that is so wide (m), up to its ends as these are drawn."""
+    if not width > 0.0 or len(points) < 2:
+        return None
+    line = LinearRing(points) if closed else LineString(points)
+    cap = _CAPS.get(str(shape.values.get("stroke-linecap")), "flat")
+    return line.buffer(width / 2, cap_style=cap, join_style="mitre", mitre_limit=4.0)
+
+
+_CAPS: Mapping[str, Literal["round", "square"]] = {"round": "round", "square": "square"}
 _INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
 _ON_LAYER, _NAMED = "up-samp-layer", "up-samp-name"
 """Attributes that say to the reader, which passes them on, where an element is."""
@@ -271,12 +339,13 @@ def _finish(source: Path, folder: Path, drawn: _Drawn, notes: list[str]) -> Impo
     floor = max(shapes, key=lambda s: s.area)
     inside = [s for s in shapes if s is not floor]
     walls = [line.buffer(DRAWN_WALL / 2) for line in lines]
-    free = floor.difference(unary_union([*inside, *walls]))
+    free = floor.difference(unary_union([*inside, *walls, *drawn.thick]))
     map_from_polygons(free, folder)
     kind = {"footprint": [1.0, 0.7], "model": "omni"}
     notes.append(f"the floor is the largest outline; {len(inside)} others are in the way")
     notes.append("robots' footprint and limits are assumed; add places, robots and orders")
     notes += listed({"zones say nothing yet, being as quick as robots are": drawn.zones})
+    notes += listed({f"widths not read, taken as {DRAWN_WALL:g} m": drawn.thin})
     data: dict[str, Any] = {"map": "map.yaml", "robot_types": {"agv": kind}}
     data["places"] = drawn.places
     data["zones"] = {n: {"polygon": points, "v_max": 1.0} for n, points in drawn.zones.items()}

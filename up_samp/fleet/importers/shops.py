@@ -27,13 +27,16 @@ APART, DEEP, CELL = 4.0, 12.0, 0.1
 
 
 def _numbers(source: Path) -> list[tuple[int, list[int]]]:
-    """Return each line's number and its integers; comments (#) and empty lines are left out."""
-    rows = []
+    """Return each line's number and its integers (of the first: two), without comments (#) and
+    empty lines.
+    """
+    rows: list[tuple[int, list[int]]] = []
     for number, line in enumerate(text_of(source).splitlines(), 1):
         text = line.split("#")[0].strip()
         if text:
             try:
-                rows.append((number, [int(number_of(v)) for v in text.split()]))
+                words = text.split() if rows else text.split()[:2]  # then how flexible it is
+                rows.append((number, [*map(_whole, words)]))
             except ValueError as error:
                 raise wrong(source, number, f"numbers are needed: {error}") from error
     if not rows or len(rows[0][1]) < 2:
@@ -41,12 +44,20 @@ def _numbers(source: Path) -> list[tuple[int, list[int]]]:
     return rows
 
 
+def _whole(text: str) -> int:
+    """Return an integer; fractions are none."""
+    number = number_of(text)
+    if number != int(number):
+        raise ValueError(f"'{text}' is no whole number")
+    return int(number)
+
+
 def import_jsplib(source: Path, folder: Path, options: Options) -> Imported:
     """Import a job shop: a line with its size, then a line of (machine, duration) pairs a job."""
     rows = _numbers(source)
     jobs, machines = rows[0][1][:2]
     routes: list[Route] = []
-    for number, row in rows[1 : jobs + 1]:
+    for number, row in rows[1:]:
         if len(row) != 2 * machines:
             raise wrong(source, number, f"{2 * machines} numbers are needed, there are {len(row)}")
         routes.append([[way] for way in zip(row[::2], row[1::2], strict=True)])
@@ -59,7 +70,7 @@ def import_fjs(source: Path, folder: Path, options: Options) -> Imported:
     rows = _numbers(source)
     jobs, machines = rows[0][1][:2]
     routes: list[Route] = []
-    for number, row in rows[1 : jobs + 1]:
+    for number, row in rows[1:]:
         values = iter(row)
         route: Route = []
         try:
@@ -68,6 +79,8 @@ def import_fjs(source: Path, folder: Path, options: Options) -> Imported:
                 route.append(sorted(dict(sorted(ways, reverse=True)).items()))
         except (StopIteration, ValueError) as error:
             raise wrong(source, number, "the line ends too early") from error
+        if left := [*values]:
+            raise wrong(source, number, f"numbers are left over: {left[0]} is the first")
         routes.append(route)
     _check(source, routes, jobs, machines)
     flexible = sum(len(ways) > 1 for route in routes[: options.jobs] for ways in route)
