@@ -380,7 +380,7 @@ def begin_soon(search: Search, plan: Incumbent) -> Incumbent | None:
         manager.LE(a.start, old[a.name][0] - more): 1
         for a in problem.activities
         for more in _SLACK
-        if a.name in old and more <= old[a.name][0]
+        if more <= old.get(a.name, (-1, -1))[0]
     }
     _prefer(problem, goals, plan.schedule.makespan)
     small = Subproblem(search, problem, STEP_EFFORT)

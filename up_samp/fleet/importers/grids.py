@@ -54,15 +54,14 @@ def import_movingai(source: Path, folder: Path, options: Options) -> Imported:
     entries = [(n, line.split()) for n, line in enumerate(lines, 1) if n > 1 and line.strip()]
     if not lines or not lines[0].startswith("version") or not entries:
         raise wrong(source, 1, "no Moving AI scenario: it begins with 'version 1'")
-    name = ""
+    first = entries[0][1][1:2]
     for number, entry in entries:
         if len(entry) != 9:
             text = "a line has a bucket, a map, its size, start, goal and length"
             raise wrong(source, number, text)
-        name = name or entry[1]
-        if entry[1] != name:
-            raise wrong(source, number, f"it is on {short(entry[1])}, others on {short(name)}")
-    map_file = _beside(source, name)
+        if entry[1:2] != first:
+            raise wrong(source, number, f"it is on {short(entry[1])}, others on {short(first[0])}")
+    map_file = _beside(source, first[0])
     data = _grid(map_file, folder, options)
     height = read_movingai_map(map_file).shape[0]
     for i, (_, entry) in enumerate(entries[: options.robots]):

@@ -220,11 +220,11 @@ def _stroke(shape: Any) -> float:
     """Return how wide (units of the drawing) a shape's line is where it is widest: 0 where none is
     drawn, NaN where that cannot be read.
     """
-    if str(shape.values.get("stroke") or "none").strip().lower() == "none":
+    if str(shape.values.get("stroke")).strip().lower() in ("none", ""):
         return 0.0
-    on_screen = "non-scaling" in str(shape.values.get("vector-effect"))
+    scales = "non-scaling" not in str(shape.values.get("vector-effect"))
     width = shape.stroke_width
-    if on_screen or not (isinstance(width, int | float) and width >= 0):
+    if not (scales and isinstance(width, int | float) and width >= 0):
         return math.nan
     t = shape.transform
     stretched = float(np.linalg.norm([[t.a, t.c], [t.b, t.d]], 2))

@@ -283,11 +283,9 @@ def right_of_way(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
     dealt, known = search.dealt, search.best.driven()
     expected = max(end for end, _ in dealt.rehearsal.ends(dealt.tours).values())
     hoped = int(_HOPED * expected / dealt.guess.snapshot.seconds_per_unit)
-    for limit in sorted({min(hoped, search.makespan), search.makespan}):
-        found = search.tours.coordinated(known, limit, deadline)
-        if found is not None:
-            return found
-    return None
+    limits = sorted({min(hoped, search.makespan), search.makespan})
+    found = (search.tours.coordinated(known, limit, deadline) for limit in limits)
+    return next(filter(None, found), None)
 
 
 def ways_past(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
