@@ -118,6 +118,18 @@ def test_what_is_kept_takes_after_a_charge_too(tmp_path):
         assert start_levels(site, {"r0": 0.5}, drives, meanings, kept) == {"r0": level}
 
 
+def test_who_is_to_charge_may_use_its_reserve_on_the_way_there(tmp_path):
+    """Else it stood where it was for good: no order is planned any more, and no charge either."""
+    site = charged_hall(tmp_path, reserve=10.0).records
+    job = charge_task(site, "r0", "charge.r0.0", 0.0)
+    cut = Cut(since=0.0, poses={"r0": site.places["rack0"].pose})
+    ask = Question(
+        1, site, tmp_path, cut, Kept(), (job,), ("r0",), levels={"r0": 10.5}, computing=True
+    )
+    written, plan = _solved(ask, None)
+    assert any(written.meanings[a["name"]].what == "charge.r0.0" for a in plan["activities"])
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_who_is_to_charge_is_planned_from_what_it_has(tmp_path, seed):
     """The order is on the way to the charger, and cannot be done before with what is there."""

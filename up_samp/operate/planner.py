@@ -41,7 +41,7 @@ from up_samp.model import ProblemError, SampError, UnsupportedError
 from up_samp.model.deadline import computing_time
 from up_samp.operate.records import Pose, Shape
 from up_samp.operate.stitch import BUSY, Question, stitched
-from up_samp.operate.upkeep import charger_of, state_charges, with_levels
+from up_samp.operate.upkeep import battery_of, charger_of, is_charge, state_charges, with_levels
 from up_samp.operate.zones import still_counted
 from up_samp.system.child import ProcessGroup, command, environment
 
@@ -201,6 +201,11 @@ def problem_records(ask: Question) -> FleetRecords:
             robots[name] = replace(robots[name], shift=shift)
         after = tuple(n for n in job.after if n in known)
         jobs.append(replace(job, robots=able, after=after))
+    full = {  # who only charges may drive there by what is reserved: else it never could
+        r: battery_of(site, r).capacity
+        for r in idle
+        if {is_charge(j.id) for j in jobs if r in j.robots} == {True}
+    }
     for name in idle if len(ask.robots) > 1 else ():
         units = math.ceil(ask.cut.free.get(name, 0.0) / site.seconds_per_unit)
         if units >= 1 and any(name in job.robots for job in jobs):
@@ -215,7 +220,7 @@ def problem_records(ask: Question) -> FleetRecords:
         zones[f"leaf.{name}"] = Zone(leaf, tuple(site.robot_types))
         del doors[name]
     left = replace(site, places=places, robots=robots, zones=zones, doors=doors)
-    return with_levels(_with_jobs(left, jobs), ask.levels)
+    return with_levels(_with_jobs(left, jobs), {**ask.levels, **full})
 
 
 def _time_left(ask: Question, robot: str) -> float:
