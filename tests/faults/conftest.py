@@ -1,10 +1,3 @@
-import pytest
+"""Kernels are compiled first here, too: time limits are meant for searching."""
 
-from up_samp.model import MotionModel
-from up_samp.motion.compile import precompile
-
-
-@pytest.fixture(scope="session", autouse=True)
-def compiled():
-    """Compile all kernels first: time limits in these tests are meant for searching."""
-    precompile(MotionModel)
+from tests.search.conftest import compiled as compiled

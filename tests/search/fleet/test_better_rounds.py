@@ -11,6 +11,7 @@ from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.model import Deadline
 from up_samp.search.fleet import improve, solve
 from up_samp.search.fleet.improve import FleetLNS, plan_tours, right_of_way, ways_past
+from up_samp.search.fleet.tours import TourPlanner
 from up_samp.tuning import Tuning
 from up_samp.validation import validate_plan
 
@@ -65,6 +66,25 @@ def test_each_move_brings_plans_that_are_no_worse(one_move):
     assert better.cost(better.best) <= better.cost(found[1])
     whole = build(better.best.schedule, better.best.trajectories())
     assert validate_plan(problem, whole).violations == ()
+
+
+@pytest.mark.parametrize("hoped", [0.01, 1.0, 9.0])
+def test_right_of_way_is_decided_whatever_is_hoped_for(monkeypatch, hoped):
+    """What cannot be is asked first, then what can: it is as good as without any hope."""
+    _, found, _, dealt = first_tours((4, 8), seed=3)
+    usual = right_of_way(search_of(found, dealt), Deadline.never())
+    limits, decide = [], TourPlanner.coordinated
+    monkeypatch.setattr(
+        TourPlanner,
+        "coordinated",
+        lambda self, known, limit, by: limits.append(limit) or decide(self, known, limit, by),
+    )
+    monkeypatch.setattr(improve, "_HOPED", hoped)
+    again = right_of_way(search_of(found, dealt), Deadline.never())
+    assert again.lean().makespan == usual.lean().makespan < found[1].lean().makespan
+    assert limits == sorted(set(limits))
+    assert max(limits) <= found[1].lean().makespan
+    assert len(limits) == (1 if hoped == 9.0 else 2)
 
 
 def test_the_next_one_comes_when_the_former_has_left(toured):

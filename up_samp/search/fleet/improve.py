@@ -364,7 +364,7 @@ def _other(
     deadline: Deadline,
 ) -> Assignment:
     """Return another share of the jobs near one, by what is ``expected`` of them."""
-    # handovers that are not known may be as short as any: so some of them are looked at
+    # handovers of which nothing is known may be as short as any: so some of them are looked at
     known = share.guess.handovers
     least, usual = min(known.values(), default=0.0), _usual(share.guess, expected.rules)
     rules = expected.rules._replace(handover=rng.uniform(least, 2 * usual - least))
