@@ -29,7 +29,7 @@ def test_it_is_dubins_where_nothing_moves():
     for seed in range(300):
         rng = random.Random(seed)
         start, goal, radius = drawn(rng), drawn(rng, 3.0), rng.uniform(0.2, 3.0)
-        told = ahead(start, goal, radius, np.zeros(1))[0]
+        told = ahead(start, goal, radius, 0.0)
         assert told == pytest.approx(shortest(start, goal, radius, 1.0)[0], rel=1e-6), seed
 
 
@@ -42,7 +42,7 @@ def beside(seed):
         part = rng.random()
         left = driven(rng, start, radius, rng.choice((-1, 1)) * part * moved)
         came = driven(rng, goal, radius, rng.choice((-1, 1)) * (1 - part) * moved)
-        told = ahead(start, goal, radius, np.array([moved]))[0]
+        told = ahead(start, goal, radius, moved)
         assert told <= shortest(left, came, radius, 1.0)[0] + 1e-9, seed
 
 

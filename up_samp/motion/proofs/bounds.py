@@ -20,7 +20,7 @@ import shapely
 from up_samp.geometry import OccupancyGrid, Scene
 from up_samp.geometry.cells import Visibility, grown, label_regions
 from up_samp.geometry.memory import Memory
-from up_samp.geometry.records import along
+from up_samp.geometry.records import along, inner, kernel
 from up_samp.geometry.shapes import core_of, shape_of
 from up_samp.model import Body, Configuration, Kinematics, Mobility, Placed, TrafficZone
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
@@ -212,6 +212,7 @@ RESTS = 0.5 * 1.2 ** np.arange(-80.0, 1.0)
 """Shares of the whole way for which the runs beside the longest one are told apart."""
 
 
+@kernel
 def fastest_runs(
     start: Configuration, goal: Configuration, car: DriveLimits, length: float
 ) -> float:
@@ -221,69 +222,66 @@ def fastest_runs(
     least = run_time(length, car.v, car.a)
     if car.sense != 0.0:
         return least
-    rest = length * RESTS
-    ways = ahead(start, goal, car.radius, rest), ahead(goal, start, car.radius, rest)
-    longest = np.maximum(np.minimum(*ways), length - rest)
     found = 2 * run_time(0.5 * length, car.v, car.a)  # no run is longer than half the way
     before = 0.0
-    for run, beside in zip(longest, rest, strict=True):
-        found = min(found, run_time(run, car.v, car.a) + run_time(before, car.v, car.a))
-        before = beside
+    for share in RESTS:
+        rest, beside = share * length, run_time(before, car.v, car.a)
+        if run_time(length - rest, car.v, car.a) + beside < found:
+            way = min(ahead(start, goal, car.radius, rest), ahead(goal, start, car.radius, rest))
+            found = min(found, run_time(max(way, length - rest), car.v, car.a) + beside)
+        before = rest
     return max(least, found)
 
 
-def ahead(
-    start: Configuration, goal: Configuration, radius: float, moved: FloatArray
-) -> FloatArray:
-    """Return metres that no curve driven ahead alone beats, by how far (n, m) its two ends together
-    may have been driven from the two poses: bounds on Dubins' words (see
+@kernel
+def ahead(start: Configuration, goal: Configuration, radius: float, moved: float) -> float:
+    """Return metres that no curve driven ahead alone beats whose two ends together may have been
+    driven ``moved`` m from the two poses: bounds on Dubins' words (see
     :mod:`up_samp.motion.curves.reeds_shepp`), each of their parts as short as it may be then.
     """
-    near = moved / radius
-    best = np.full(len(near), np.inf)
-    for side in (1.0, -1.0):
-        x, y = (goal[0] - start[0]) / radius, side * (goal[1] - start[1]) / radius
-        best = np.minimum(best, _words(x, y, side * start[2], side * goal[2], near))
-    return radius * best * (1 - 1e-9)
+    x, y, near = (goal[0] - start[0]) / radius, (goal[1] - start[1]) / radius, moved / radius
+    left = _words(x, y, start[2], goal[2], near)
+    return radius * min(left, _words(x, -y, -start[2], -goal[2], near)) * (1 - 1e-9)
 
 
-def _words(x: float, y: float, t0: float, t1: float, near: FloatArray) -> FloatArray:
-    """Return bounds on the words that begin with a left turn, for a radius of 1: from (0, 0, t0) to
-    (x, y, t1), both moved by ``near`` together.
+@inner
+def _words(x: float, y: float, t0: float, t1: float, near: float) -> float:
+    """Return a bound on the words that begin with a left turn, for a radius of 1: from (0, 0, t0)
+    to (x, y, t1), both moved by ``near`` together.
     """
     # a turn's centre moves by as much as the car does and turns
     cx, cy = x + math.sin(t0), y - math.cos(t0)
     low, high, off, toward = _between(cx - math.sin(t1), cy + math.cos(t1), near)
-    same = low + _arc(toward - t0, off) + _arc(t1 - toward, off)
-    least, most = np.arcsin(np.minimum(low / 4, 1.0)), np.arcsin(np.minimum(high / 4, 1.0))
-    tilt, wide = 0.5 * (least + most), off + 0.5 * (most - least)
-    turns = _arc(toward - t0 - tilt + math.pi, wide) + _arc(t1 - toward - tilt - math.pi, wide)
-    thrice = np.where(low > 4, np.inf, 2 * math.pi - 2 * most + turns)
+    best = low + _arc(toward - t0, off) + _arc(t1 - toward, off)
+    if low <= 4:
+        least, most = math.asin(low / 4), math.asin(min(high / 4, 1.0))
+        tilt, wide = 0.5 * (least + most), off + 0.5 * (most - least)
+        turns = _arc(toward - t0 - tilt + math.pi, wide) + _arc(t1 - toward - tilt - math.pi, wide)
+        best = min(best, 2 * math.pi - 2 * most + turns)
     low, high, off, toward = _between(cx + math.sin(t1), cy - math.cos(t1), near)
-    least, most = np.arcsin(2 / np.maximum(high, 2.0)), np.arcsin(2 / np.maximum(low, 2.0))
-    tilt, wide = 0.5 * (least + most), off + 0.5 * (most - least)
-    turns = _arc(toward + tilt - t0, wide) + _arc(toward + tilt - t1, wide)
-    across = np.where(high < 2, np.inf, np.sqrt(np.maximum(low, 2.0) ** 2 - 4) + turns)
-    return np.minimum(same, np.minimum(thrice, across))
+    if high >= 2:
+        least, most = math.asin(2 / high), math.asin(2 / max(low, 2.0))
+        tilt, wide = 0.5 * (least + most), off + 0.5 * (most - least)
+        turns = _arc(toward + tilt - t0, wide) + _arc(toward + tilt - t1, wide)
+        best = min(best, math.sqrt(max(low, 2.0) ** 2 - 4) + turns)
+    return best
 
 
-def _between(
-    x: float, y: float, near: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+@inner
+def _between(x: float, y: float, near: float) -> tuple[float, float, float, float]:
     """Return how far apart two turns' centres are at least and at most, by how much (rad) a heading
     from one to the other may be off beside the car's own, and that heading.
     """
     apart = math.hypot(x, y)
-    share = 2 * near / apart if apart > 0 else np.full(len(near), np.inf)
-    off = np.where(share < 1, np.arcsin(np.minimum(share, 1.0)), math.pi)
-    return np.maximum(apart - 2 * near, 0.0), apart + 2 * near, off + near, math.atan2(y, x)
+    off = math.asin(2 * near / apart) if 2 * near < apart else math.pi
+    return max(apart - 2 * near, 0.0), apart + 2 * near, off + near, math.atan2(y, x)
 
 
-def _arc(angle: float | FloatArray, off: FloatArray) -> FloatArray:
+@inner
+def _arc(angle: float, off: float) -> float:
     """Return the least turn (rad, below a full one) to an angle that may be ``off`` (rad)."""
-    turn = np.mod(angle, 2 * math.pi)
-    wide = off + 1e-9  # for rounding
-    return np.where((turn < wide) | (turn + wide >= 2 * math.pi), 0.0, turn - wide)
+    turn, wide = angle % (2 * math.pi), off + 1e-9  # for rounding
+    return 0.0 if turn < wide or turn + wide >= 2 * math.pi else turn - wide
 
 
 # ------------------ Bodies that turn on the spot
