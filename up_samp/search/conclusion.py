@@ -20,11 +20,13 @@ from up_samp.model import (
     ScheduleStatus,
     in_force,
 )
-from up_samp.model.refinement import Refinement, Strength
+from up_samp.model.graphs import reached
+from up_samp.model.refinement import Absent, Clause, Refinement, Strength
 from up_samp.scheduling.cpsat.session import refuted_by, sooner
 from up_samp.search.events import Phase
+from up_samp.search.fleet.jobs import clauses_of, needs_in
 from up_samp.search.knowledge import SCHEDULING, TOLD, Cost, History
-from up_samp.search.proof import listed
+from up_samp.search.proof import SHOWN, listed
 from up_samp.search.search import Search
 from up_samp.search.world import instant_obstacles
 from up_samp.upio import Itinerary, read_itinerary
@@ -86,6 +88,41 @@ def conclude_without_schedule(search: Search, report: ScheduleReport) -> SearchR
     if planned:
         return conclude(search, "all better schedules are ruled out, in part by what is not proven")
     return SearchResult(Conclusion.EXHAUSTED, _what_is_not_proven(search, report))
+
+
+def conclude_undoable(search: Search) -> SearchResult | None:
+    """Return the end of a search where proven facts leave nobody to do something that has to be
+    done: no scheduler has to be asked, and it is known which facts these are.
+    """
+    absent = {only: fact for fact in search.knowledge.proven if (only := _ruled_out(fact))}
+    if not absent or search.bounds.incumbent is not None:
+        return None
+    source = search.problem.source
+    clauses = [*clauses_of(source), *(((a.name,), ()) for a in source.activities if not a.optional)]
+    needs = needs_in(clauses)
+
+    def refuted(name: str) -> Refinement | None:
+        with_it = reached([name], lambda n: needs.get(n, ()))
+        return next((absent[n] for n in sorted(with_it) if n in absent), None)
+
+    for names, conditions in clauses:
+        facts = [] if conditions else [*map(refuted, names)]
+        few = [*dict.fromkeys(filter(None, facts))]
+        if names and facts and None not in facts and nothing_is_left(search, few):
+            more = " and so on" if len(names) > SHOWN else ""
+            asked = f"one of {', '.join(names[:SHOWN])}{more}" if len(names) > 1 else names[0]
+            why = (
+                f"these proven facts leave no schedule: {listed(few)}; but {asked} has to be there"
+            )
+            return SearchResult(Conclusion.UNSOLVABLE, why)
+    return None
+
+
+def _ruled_out(fact: Refinement) -> str:
+    """Return the activity of which a fact says that it is absent, and nothing else ("": none)."""
+    literals = fact.statement.literals if isinstance(fact.statement, Clause) else ()
+    only = literals[0] if len(literals) == 1 else None
+    return only.activity if isinstance(only, Absent) else ""
 
 
 def refutation(search: Search, report: ScheduleReport) -> list[Refinement] | None:

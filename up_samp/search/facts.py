@@ -81,9 +81,11 @@ class Facts:
         """Return schedule units in s."""
         return units * self.snapshot.seconds_per_unit
 
-    def units(self, seconds: float) -> int:
-        """Return s in schedule units, rounded up. ``LATE`` s are forgiven, whatever a unit is."""
-        return math.ceil((seconds - LATE) / self.snapshot.seconds_per_unit)
+    def units(self, seconds: float, parts: int = 1) -> int:
+        """Return s in schedule units, rounded up. ``LATE`` s are forgiven, whatever a unit is, of
+        each of the ``parts`` that it may be made of.
+        """
+        return math.ceil((seconds - parts * LATE) / self.snapshot.seconds_per_unit)
 
     # ---------------------------------------------------------------- motions
     @cached_property

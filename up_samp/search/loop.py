@@ -16,6 +16,7 @@ from up_samp.search.conclusion import (
     SearchResult,
     conclude,
     conclude_stopped,
+    conclude_undoable,
     conclude_without_schedule,
     restart,
     stands,
@@ -57,6 +58,9 @@ def solve(search: Search, *, optimal: bool) -> Generator[Incumbent, None, Search
             return conclude(search)
     with search.history.stages.of(STATING):
         state_what_is_known(search)
+    undoable = conclude_undoable(search)
+    if undoable is not None:
+        return undoable
     while not search.budget.deadline.expired():
         if search.stopped:
             return conclude_stopped(search)

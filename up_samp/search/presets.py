@@ -15,6 +15,7 @@ from up_samp.model.refinement import Refinement, Strength
 from up_samp.search.budget import SchedulerPace
 from up_samp.search.check import CheckAlone, check_duration, check_path
 from up_samp.search.cuts import Attempt, PaperCuts, SmallCuts
+from up_samp.search.due import due_too_soon
 from up_samp.search.events import Phase
 from up_samp.search.facts import Facts, just_this
 from up_samp.search.fleet.improve import in_order, in_order_at_last
@@ -60,6 +61,10 @@ def _statements() -> Sequence[tuple[Statement, Ideas]]:
         (
             Statement("lower bounds on motions", lambda s: lower_bounds(s.motions, s.knowledge)),
             ("bounds_first",),
+        ),
+        (
+            Statement("what is due too soon", lambda s: due_too_soon(s.problem.source, s.motions)),
+            ("bounds_first", "native"),
         ),
         (
             Statement("proofs of unreachability", lambda s: unreachable(s.motions)),

@@ -116,18 +116,30 @@ def store(robots: int) -> WarehouseLayout:
 
 
 def draw_orders(plan: WarehouseLayout, orders: int, seed: int) -> list[TransportOrder]:
-    """Draw orders: every fifth has a latest end, of the rest every fourth is optional."""
+    """Draw orders: every fifth has a latest end, which leaves time for long ways, of the
+    rest every fourth is optional.
+    """
     rng = random.Random(1000 * orders + seed)
     free: list[int] = []
     found = []
     for k in range(orders):
         if not free:
             free = rng.sample(range(len(plan.slots)), len(plan.slots))
-        due = 120 + 60 * (k // max(1, len(plan.docks))) if k % 5 == 4 else None
         service = rng.choice(SERVICE), rng.choice(SERVICE)
-        station = rng.randrange(len(plan.stations))
-        found.append(TransportOrder(free.pop(), station, service, due, due is None and k % 4 == 3))
+        station, slot, due = rng.randrange(len(plan.stations)), free.pop(), None
+        if k % 5 == 4:
+            alone = _least(plan, slot, station) + sum(service)
+            due = max(120 + 60 * (k // max(1, len(plan.docks))), math.ceil(1.25 * alone))
+        found.append(TransportOrder(slot, station, service, due, due is None and k % 4 == 3))
     return found
+
+
+def _least(plan: WarehouseLayout, slot: int, station: int) -> float:
+    """Return about what the drives of an order take whoever begins the nearest (s)."""
+    x, y, _ = plan.slots[slot]
+    to_x, to_y, _ = plan.stations[station]
+    coming = min(abs(x - a) + abs(y - b) for a, b, _ in plan.docks)
+    return (coming + abs(x - to_x) + abs(y - to_y)) / V_MAX
 
 
 def warehouse(

@@ -273,17 +273,12 @@ def find_jobs(problem: SchedulingMotionProblem, snapshot: Snapshot) -> Jobs | No
 
     :param snapshot: of the same problem.
     """
-    needs: dict[str, set[str]] = defaultdict(set)
-    dues = _dues(problem)
-    clauses: list[tuple[str, ...]] = []
-    ways: set[str] = set()  # one of several that have to be present with something
-    for names, conditions in _clauses(problem):
-        if len(names) > 1:
-            ways.update(names if conditions else ())
-            clauses += [] if conditions else [names]
-        elif len(conditions) == 1 and len(names) == 1:
-            needs[conditions[0]].add(names[0])
-    table = {name: frozenset(others) for name, others in needs.items()}
+    dues, stated = _dues(problem), [*clauses_of(problem)]
+    several = [(names, conditions) for names, conditions in stated if len(names) > 1]
+    clauses = [names for names, conditions in several if not conditions]
+    # one of several that have to be present with something
+    ways = {name for names, conditions in several if conditions for name in names}
+    table = needs_in(stated)
     look = _Look(problem, snapshot, table)
     found, known = [], set[frozenset[frozenset[str]]]()
     for names in clauses:
@@ -327,10 +322,21 @@ def _dues(problem: SchedulingMotionProblem) -> dict[str, float]:
     return found
 
 
-def _clauses(
-    problem: SchedulingMotionProblem,
-) -> Iterator[tuple[tuple[str, ...], tuple[str, ...]]]:
-    """Yield (names, conditions): one of the names is present if all conditions are."""
+StatedClause = tuple[tuple[str, ...], tuple[str, ...]]
+"""(names, conditions): one of the names is present if all conditions are."""
+
+
+def needs_in(clauses: Iterable[StatedClause]) -> dict[str, frozenset[str]]:
+    """Return by activity what has to be present with it, as clauses say of pairs."""
+    needs: dict[str, set[str]] = defaultdict(set)
+    for names, conditions in clauses:
+        if len(conditions) == 1 and len(names) == 1:
+            needs[conditions[0]].add(names[0])
+    return {name: frozenset(others) for name, others in needs.items()}
+
+
+def clauses_of(problem: SchedulingMotionProblem) -> Iterator[StatedClause]:
+    """Yield what constraints say of presences."""
     known = {activity.name for activity in problem.activities}
     for _, constraint, scope in constraints_of(problem):
         for clause in decisions(constraint, scope):

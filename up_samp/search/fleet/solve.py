@@ -32,7 +32,13 @@ from up_samp.model import (
 from up_samp.model.graphs import grouped
 from up_samp.model.snapshot import Snapshot
 from up_samp.motion.fleet.reservations import ReservationTable
-from up_samp.search.conclusion import SearchResult, conclude, conclude_stopped
+from up_samp.search.conclusion import (
+    SearchResult,
+    conclude,
+    conclude_stopped,
+    conclude_undoable,
+)
+from up_samp.search.due import due_too_soon
 from up_samp.search.events import Phase
 from up_samp.search.facts import Choices, MotionCase
 from up_samp.search.fleet.assignment import (
@@ -122,6 +128,10 @@ def solve_large(
     """
     if not all(map(can_be_done(search), large.jobs.options)):
         return (yield from solve(search, optimal=optimal))  # it tells why there is no plan
+    search.learn(due_too_soon(search.problem.source, search.motions))
+    undoable = conclude_undoable(search)
+    if undoable is not None:
+        return undoable
     first = search.budget.share(large.nearly_all(_SHARE), float("inf"))
     search.tell.stage(Phase.PREPARE, "who does which job", len(large.jobs.options))
     found: Found | None = None
