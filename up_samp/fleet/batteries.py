@@ -19,9 +19,9 @@ import numpy as np
 
 from up_samp.fleet.floors import FloorMaps, floor_of, way_between
 from up_samp.fleet.loads import load_of, ridden, with_load
+from up_samp.fleet.meanings import Kind, Written
 from up_samp.fleet.outlines import kept_out, ruled
 from up_samp.fleet.records import Battery, Charger, FleetRecords
-from up_samp.fleet.statements import Kind, Written
 from up_samp.io.sampling import rows_trajectory
 from up_samp.model import Body, Configuration, Deadline, PathQuery, Placed, Trajectory
 from up_samp.motion import MotionService

@@ -21,10 +21,10 @@ from unified_planning.shortcuts import MinimizeMakespan, Minus, Or
 
 from up_samp.fleet.drives import Drives
 from up_samp.fleet.jobs import JobRules, add_buffers, add_loads, add_setups
+from up_samp.fleet.meanings import Kind, Written, one_at_a_time
 from up_samp.fleet.records import FleetRecords
 from up_samp.fleet.site import Site
 from up_samp.fleet.spelled_out import spelled_out
-from up_samp.fleet.statements import Kind, Written, one_at_a_time
 from up_samp.fleet.work import Work
 from up_samp.model.graphs import grouped
 from up_samp.model.objective import Cost, MinimizeCosts

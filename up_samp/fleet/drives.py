@@ -31,10 +31,10 @@ from up_samp.fleet.loads import (
     seat_of,
     seats_of_carriers,
 )
+from up_samp.fleet.meanings import Kind, Meaning
 from up_samp.fleet.outlines import area_of
 from up_samp.fleet.records import GROUND, Order, RobotType, can_do
 from up_samp.fleet.site import Site
-from up_samp.fleet.statements import Kind, Meaning
 from up_samp.fleet.visits import Successions, check_visits, moves_needed
 from up_samp.fleet.work import Work
 from up_samp.model import Placed

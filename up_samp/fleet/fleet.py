@@ -35,6 +35,7 @@ from up_samp.fleet.faults import (
     same_names,
 )
 from up_samp.fleet.files import read_problem_file, read_record, write_problem_file
+from up_samp.fleet.meanings import Kind, Written, words_of
 from up_samp.fleet.records import (
     AutomaticDoor,
     Door,
@@ -52,7 +53,6 @@ from up_samp.fleet.records import (
     Zone,
 )
 from up_samp.fleet.spelled_out import ids_of, spelled_out
-from up_samp.fleet.statements import Kind, Written, words_of
 from up_samp.io import PlanDict, result_to_dict
 from up_samp.io.precision import PRECISION
 from up_samp.io.sampling import in_formation

@@ -26,9 +26,7 @@ from unified_planning.shortcuts import (
 
 from up_samp.fleet.faults import Fault, FleetError, earlier_than, missing
 from up_samp.fleet.loads import place_of
-from up_samp.fleet.records import Order, Resource, Task
-from up_samp.fleet.site import Site
-from up_samp.fleet.statements import (
+from up_samp.fleet.meanings import (
     Kind,
     Meaning,
     ends_before,
@@ -37,6 +35,8 @@ from up_samp.fleet.statements import (
     only_with,
     together,
 )
+from up_samp.fleet.records import Order, Resource, Task
+from up_samp.fleet.site import Site
 from up_samp.fleet.visits import ENDS, JOBS, fit
 from up_samp.fleet.work import Work
 from up_samp.upio.expressions import at_start, present

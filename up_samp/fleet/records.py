@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -579,15 +579,12 @@ def _objective(value: Any) -> Any:
     )
 
 
-Term = Literal[
-    "makespan", "tardiness", "completion", "driving", "distance", "energy", "robots", "cost",
-    "busiest",
-]  # fmt: skip
+_Term: Any = Literal.__getitem__(tuple(f.name for f in fields(Weights)))
 AnyObjective = Annotated[
     Literal["makespan", "none"] | Weights | tuple[Weights, ...],
     BeforeValidator(
         _objective,
-        json_schema_input_type=Literal["makespan", "none"] | Weights | list[Term | Weights],
+        json_schema_input_type=Literal["makespan", "none"] | Weights | list[_Term | Weights],
     ),
 ]
 """What is best: of a list, the first is minimised, then the next among plans as good in that."""

@@ -51,6 +51,7 @@ from up_samp.fleet.loads import (
     ridden,
     with_load,
 )
+from up_samp.fleet.meanings import Meaning
 from up_samp.fleet.outlines import (
     area_of,
     convex_hull,
@@ -63,7 +64,6 @@ from up_samp.fleet.outlines import (
 )
 from up_samp.fleet.records import GROUND, Attached, FleetRecords, RobotType
 from up_samp.fleet.spelled_out import stop_of
-from up_samp.fleet.statements import Meaning
 from up_samp.io.plan_dict import AREA
 from up_samp.model import Placed
 

@@ -19,9 +19,9 @@ from shapely.geometry import Polygon
 
 from up_samp.execution.executor import Executor
 from up_samp.execution.state import TaskPhase
+from up_samp.fleet.meanings import Kind, Meaning
 from up_samp.fleet.outlines import placed
 from up_samp.fleet.records import FleetRecords, Order, Stop, Task, can_do, visited
-from up_samp.fleet.statements import Kind, Meaning
 from up_samp.model import ProblemError
 from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import DELIVERS, Cut, Cutter, Opened, on_board

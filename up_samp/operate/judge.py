@@ -18,9 +18,9 @@ from unified_planning.shortcuts import MovableType
 from up_samp.execution.floor import Drive, Handled
 from up_samp.execution.judge import Contact, contacts_of
 from up_samp.fleet.fields import corners_of
+from up_samp.fleet.meanings import Kind
 from up_samp.fleet.outlines import movable, rules_for
 from up_samp.fleet.records import FleetRecords, Order, visited
-from up_samp.fleet.statements import Kind
 from up_samp.model.graphs import grouped
 from up_samp.operate.records import DayOrder, OrderState, Pose, nothing_planned
 from up_samp.validation.collisions import JudgedShape, placed

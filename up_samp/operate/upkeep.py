@@ -14,8 +14,8 @@ from dataclasses import replace
 from up_samp.execution.lives import DriveCells
 from up_samp.fleet.batteries import battery_of as level_of
 from up_samp.fleet.batteries import first_level, usable
+from up_samp.fleet.meanings import Meaning, Written
 from up_samp.fleet.records import Battery, Charger, FleetRecords, Robot, Task
-from up_samp.fleet.statements import Meaning, Written
 from up_samp.model import ProblemError
 from up_samp.operate.choice import Day
 

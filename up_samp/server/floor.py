@@ -31,8 +31,8 @@ from starlette.concurrency import run_in_threadpool
 from up_samp.execution.reports import Command, Do, Go, Hold
 from up_samp.fleet.fields import Point, Pose, corners_of
 from up_samp.fleet.files import read_record
+from up_samp.fleet.meanings import Kind
 from up_samp.fleet.records import Zone
-from up_samp.fleet.statements import Kind
 from up_samp.model import ProblemError, SampError
 from up_samp.operate.choice import BACK, OUT
 from up_samp.operate.horizon import DELIVERS
