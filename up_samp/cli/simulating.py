@@ -15,7 +15,6 @@ from up_samp.cli.problems import problem_of_plan
 from up_samp.cli.solving import table
 from up_samp.io import PlanDict, read_plan, write_plan
 from up_samp.model import ProblemError
-from up_samp.tuning import tuning_of
 
 if TYPE_CHECKING:
     from up_samp.execution import Simulation
@@ -35,11 +34,10 @@ def _simulate(args: argparse.Namespace) -> int:
     policies = get_args(Policy) if "all" in asked else tuple(dict.fromkeys(asked))
     named = args.problem is not None
     problem = problem_of_plan(args.problem, args.encoding, plan) if named else None
-    tuning = tuning_of(args.tuning)
     found = dependencies_from_plan(plan, problem)
     runs: list[Simulation] = []
     for policy, seed in itertools.product(policies, range(args.seed, args.seed + args.runs)):
-        runs.append(simulate(found, plan, delays, seed, policy=policy, tuning=tuning))
+        runs.append(simulate(found, plan, delays, seed, policy=policy))
     print(_table(runs))
     if args.out is not None:
         files = write_runs(plan, runs, args.out)
@@ -125,6 +123,5 @@ COMMANDS: dict[str, Command] = {
                "no dependencies", "PROBLEM"),
         encoding(),
         option("--out", "folder for CSV, record and pictures", "DIR", Path),
-        option("--tuning", "see the page on tuning", "FILE.toml", Path),
     )),
 }  # fmt: skip

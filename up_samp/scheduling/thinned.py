@@ -56,7 +56,7 @@ class ThinnedScheduler(CpsatSession):
 
         ``optimal``: the hint is the best plan's; a draw that ends no sooner is not handed over.
         """
-        drawing = deadline.within(_DRAWING * deadline.remaining())
+        drawing = deadline.share(_DRAWING)
         try:
             drawn = super().solve(drawing, optimal=optimal, **others)
         except UnsupportedError:  # the engine may do what ours does not
