@@ -85,7 +85,7 @@ def _table(runs: Sequence[Simulation]) -> str:
 def write_runs(plan: PlanDict, runs: Sequence[Simulation], folder: Path) -> list[Path]:
     """Write ``runs.csv``, the median run's record and pictures; return the files."""
     from up_samp.plotting import plot_executed
-    from up_samp.plotting.style import saved
+    from up_samp.plotting.style import save_figure
 
     folder.mkdir(parents=True, exist_ok=True)
     files = [folder / "runs.csv"]
@@ -105,7 +105,7 @@ def write_runs(plan: PlanDict, runs: Sequence[Simulation], folder: Path) -> list
         middle = mine[len(mine) // 2]
         files.append(write_plan(folder / f"executed-{policy}.json", middle.record))
         picture = plot_executed(plan, middle.record)
-        files.append(saved(picture, folder / f"executed-{policy}.png"))
+        files.append(save_figure(picture, folder / f"executed-{policy}.png"))
     return files
 
 

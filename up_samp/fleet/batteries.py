@@ -213,7 +213,7 @@ def levels(
         ]
         for who, a in charges:
             if who == robot:
-                effects, level_of = effects_of(by_name[a["name"]]), battery_of(robot)
+                effects, level_of = effects_of(by_name[a["name"]]), level_fluent(robot)
                 effect = next(e for _, e in effects if e.fluent.fluent().name == level_of)
                 given = float(effect.value.constant_value()) * battery.capacity / battery.grains
                 given = math.inf if effect.is_assignment() else given
@@ -226,7 +226,7 @@ def levels(
     return found
 
 
-def battery_of(robot: str) -> str:
+def level_fluent(robot: str) -> str:
     """Return the name of the fluent that tells a robot's level."""
     return f"{robot}_battery"
 

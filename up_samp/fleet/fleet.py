@@ -210,7 +210,7 @@ def solve_problem(
 def saved(ax: Axes, file: str | PathLike[str] | None) -> Axes:
     """Save a picture, if ``file`` names one; return its axes."""
     if file is not None:
-        from up_samp.plotting.style import saved as save_figure
+        from up_samp.plotting.style import save_figure
 
         save_figure(ax, Path(file))
     return ax

@@ -35,7 +35,7 @@ from unified_planning.shortcuts import (
     UserType,
 )
 
-from up_samp.fleet.batteries import above_reserve, battery_of, first_level, usable
+from up_samp.fleet.batteries import above_reserve, first_level, level_fluent, usable
 from up_samp.fleet.faults import Fault, FleetError
 from up_samp.fleet.fields import Outline, Pose, corners_of
 from up_samp.fleet.floors import FloorMaps, floor_of, height_of, map_of, spots_of, way_between
@@ -242,7 +242,7 @@ class Site:
             self.problem.set_initial_configuration(self.robots[name], self.places[robot.start])
             self._at_first(name, self.spots[robot.start])
             if kind.battery is not None:
-                level = Fluent(battery_of(name), IntType(0, usable(kind.battery)))
+                level = Fluent(level_fluent(name), IntType(0, usable(kind.battery)))
                 at_first = above_reserve(kind.battery, first_level(self.records, name))
                 self.problem.add_fluent(level, default_initial_value=at_first)
                 self.batteries[name] = level()
