@@ -235,7 +235,7 @@ def tell_levels(records: FleetRecords, written: Written, plan: Mapping[str, Any]
     """Return in words how low batteries get, by what is really driven."""
     lines = []
     for robot, course in levels(records, written, plan).items():
-        battery = records.robot_types[records.robots[robot].type].battery
+        battery = records.kind_of(robot).battery
         assert battery is not None
         least = min(level for _, level in course)
         text = f"the battery of {robot} falls to {least:.3g} of {battery.capacity:g} at its lowest"

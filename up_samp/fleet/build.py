@@ -137,7 +137,7 @@ def _energy(site: Site, work: Work) -> Iterator[Amount]:
     """What drives take from batteries, in the user's units."""
     for a in _drives(site):
         robot = site.meanings[a.name].robot
-        battery = site.kind_of(robot).battery
+        battery = site.records.kind_of(robot).battery
         for _, effect in effects_of(a):
             if battery is not None and effect.fluent == site.batteries[robot]:
                 yield battery.capacity / battery.grains, effect.value, a
@@ -154,7 +154,7 @@ def _cost(site: Site, work: Work) -> Iterator[Amount]:
     hours = Fraction(str(site.records.seconds_per_unit)) / 3600
     for robot, drives in _by_robot(site).items():
         used, far, long = (
-            Fraction(str(site.kind_of(robot).costs.get(what, 0)))
+            Fraction(str(site.records.kind_of(robot).costs.get(what, 0)))
             for what in ("used", "per_km", "per_hour")
         )
         yield used, Or(present(*drives)), None

@@ -122,7 +122,7 @@ def _places(records: FleetRecords, bad: set[str]) -> Iterator[Shape]:
             kind, text, outline = "place", name, placed(usual, place.pose)
             look: dict[str, Any] = {"fc": mixed(color, 0.85), "ec": color}
         else:
-            footprint = records.robot_types[records.robots[robot].type].footprint
+            footprint = records.kind_of(robot).footprint
             kind, text, outline = "robot", f"{robot} at {name}", placed(footprint, place.pose)
             fill = WRONG if name in bad else color_of(order.index(robot))
             look = {"fc": fill, "ec": color, "zorder": 3}

@@ -643,6 +643,10 @@ class FleetRecords:
         told = self.objective
         return told if isinstance(told, tuple) else (told,) if isinstance(told, Weights) else ()
 
+    def kind_of(self, robot: str) -> RobotType:
+        """Return the type of a robot."""
+        return self.robot_types[self.robots[robot].type]
+
     def senses(self, robot: str) -> dict[str, float]:
         """Return how wrong (``localisation``, m) and how late (``latency``, s) a robot may be, as
         far as it, or its type, says so.
@@ -725,7 +729,7 @@ def able(records: FleetRecords, job: Order | Task) -> list[str]:
 
 def can_do(records: FleetRecords, robot: str, job: Order | Task) -> bool:
     """Return whether a robot may do a job, and can carry what it is about."""
-    kind = records.robot_types[records.robots[robot].type]
+    kind = records.kind_of(robot)
     return _may_do(records, robot, job) and (isinstance(job, Task) or carries(kind, job.load))
 
 

@@ -62,7 +62,7 @@ from up_samp.fleet.outlines import (
     rules_for,
     swept,
 )
-from up_samp.fleet.records import GROUND, Attached, FleetRecords, RobotType
+from up_samp.fleet.records import GROUND, Attached, FleetRecords
 from up_samp.fleet.spelled_out import stop_of
 from up_samp.io.plan_dict import AREA
 from up_samp.model import Placed
@@ -178,10 +178,6 @@ class Site:
         self._doors()
         self._zones()
 
-    def kind_of(self, robot: str) -> RobotType:
-        """Return the type of a robot."""
-        return self.records.robot_types[self.records.robots[robot].type]
-
     def fresh(self, name: str, meaning: Meaning) -> str:
         """Return a name for an activity: ``name``, or one with a number that no other has. Names
         of robots and places may hold underscores, and so two activities may want the same. What
@@ -234,7 +230,7 @@ class Site:
         types = {name: MovableType(name) for name in self.records.robot_types}
         along = any(load.carriers for _, load in loads_of(self.records))
         for name, robot in self.records.robots.items():
-            kind = self.kind_of(name)
+            kind = self.records.kind_of(name)
             self.robots[name] = movable(
                 name, types[robot.type], kind, rules_for(self.records, robot.type), along=along
             )

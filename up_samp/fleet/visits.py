@@ -117,7 +117,7 @@ class Successions:
     def __init__(self, records: FleetRecords, robot: str) -> None:
         self._records = records
         self._skills = set(records.robots[robot].skills)
-        kind = records.robot_types[records.robots[robot].type]
+        kind = records.kind_of(robot)
         self._orders = records.order_of
         self._after = {j.id: set(earlier_than(records, j)) for j in records.jobs}
         self._capacity = kind.capacity

@@ -144,7 +144,7 @@ class Work:
         one in which the battery is swapped.
         """
         site, problem = self._site, self._site.problem
-        battery = site.kind_of(visit.robot).battery
+        battery = site.records.kind_of(visit.robot).battery
         charger = self._records.places[visit.what].charger
         assert battery is not None
         assert charger is not None

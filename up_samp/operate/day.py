@@ -182,7 +182,7 @@ def _without_jobs(fleet: Fleet, hours: float) -> Fleet:
         return rest.window[0] < 3600.0 * hours
 
     empty = Fleet.__new__(Fleet)
-    empty._folder = fleet.folder
+    empty.folder = fleet.folder
     robots = {
         name: replace(robot, breaks=tuple(filter(soon, robot.breaks)))
         for name, robot in fleet.records.robots.items()
