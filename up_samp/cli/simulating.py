@@ -30,8 +30,7 @@ def _simulate(args: argparse.Namespace) -> int:
     plan = read_plan(args.plan)
     check_motions(plan)
     delays = Delays.parse(args.delays)
-    asked = args.policy or ["all"]
-    policies = get_args(Policy) if "all" in asked else tuple(dict.fromkeys(asked))
+    policies = tuple(dict.fromkeys(args.policy or get_args(Policy)))
     named = args.problem is not None
     problem = problem_of_plan(args.problem, args.encoding, plan) if named else None
     found = dependencies_from_plan(plan, problem)
@@ -118,7 +117,7 @@ COMMANDS: dict[str, Command] = {
         option("--runs", None, "N", int, 20),
         option("--seed", "of the first run", "N", int, 0),
         option("--policy", "how to follow the plan; may be given again (default: timed, staircase, "
-               "reorder)", choices=("timed", "staircase", "reorder", "all"), action="append"),
+               "reorder)", choices=("timed", "staircase", "reorder"), action="append"),
         option("--problem", "the plan's problem, as for 'up-samp solve': where the plan file has "
                "no dependencies", "PROBLEM"),
         encoding(),

@@ -336,14 +336,14 @@ class Executor(Followed):
                     continue
             raise ProblemError(f"{then} cannot be told: {first} comes before it ({edge.why})")
 
-    def remaining_problem(self, surprise: Surprise | None = None) -> Remaining:
+    def remaining_problem(self, surprise: Surprise = Surprise()) -> Remaining:
         """Return what is left as an ordinary UP problem, see
         :func:`up_samp.execution.remaining.remaining_problem`.
         """
         if self.problem is None:
             raise ProblemError("what is left can be told only where the problem is known")
-        told, lives = surprise or Surprise(), self.dependencies.lives
-        left = remaining_problem(self.problem, self.plan, self.state, lives, told)
+        lives = self.dependencies.lives
+        left = remaining_problem(self.problem, self.plan, self.state, lives, surprise)
         return replace(left, localisation=self.localisation)
 
     # ------------------------------------------------------------------ what is told

@@ -261,7 +261,7 @@ def remaining_at(
     problem: SchedulingProblem,
     plan: PlanDict,
     time: float,
-    surprise: Surprise | None = None,
+    surprise: Surprise = Surprise(),
     broken_down: Collection[str] = (),
 ) -> Remaining:
     """Return what is left of a plan that was carried out without delays until ``time`` (s), when a
@@ -275,9 +275,7 @@ def remaining_at(
         floor.step()
     if not floor.goes_on:
         raise ProblemError(f"nothing is left at {time:g} s: the plan is over after {floor.now:g} s")
-    return executor.remaining_problem(
-        broken_where_they_stand(executor, surprise or Surprise(), broken_down)
-    )
+    return executor.remaining_problem(broken_where_they_stand(executor, surprise, broken_down))
 
 
 def broken_where_they_stand(

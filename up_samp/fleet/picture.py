@@ -41,7 +41,7 @@ LOOKS: dict[str, dict[str, Any]] = {
     "load": {"fc": mixed(FIXTURE, 0.6), "ec": FIXTURE, "zorder": 1.5},
     "robot that does not fit there": {"fc": "none", "ec": WRONG, "lw": 1.6, "ls": "--"},
 }
-"""What is drawn, by kind; others have a look of their own, or only a name."""
+"""What is drawn, by kind; others have a look of their own."""
 
 
 def draw_fleet(records: FleetRecords, folder: Path, findings: Iterable[Finding] = ()) -> Axes:
@@ -77,10 +77,10 @@ def draw_fleet(records: FleetRecords, folder: Path, findings: Iterable[Finding] 
     for floor, kind, name, corners, own in shapes:
         shift = backdrop.shifts.get(heights[floor], Frame())
         outline, look = shift.points(corners), {**LOOKS.get(kind, {}), **own}
-        for ax in panels if look else ():
+        for ax in panels:
             ax.add_patch(Polygon(outline, **look))
         if name:
-            labels.append(label_of(name, outline, look.get("ec", FIXTURE)))
+            labels.append(label_of(name, outline, look["ec"]))
     kinds = {kind for _, kind, *_ in shapes}
     keys: list[tuple[object, Artist]] = [
         (kind in kinds, Patch(**look, label=kind)) for kind, look in LOOKS.items()
@@ -98,7 +98,7 @@ def _fixtures(records: FleetRecords) -> Iterator[Shape]:
         kind = "rules of driving" if zone.has_rules else "zone"
         yield zone.floor, kind, f"{name}: {asked}" if asked else name, np.array(zone.polygon), {}
     for name, lane in records.lanes.items():
-        yield lane.floor, "lane", name, np.array(lane.points[:1]), {}
+        yield lane.floor, "lane", name, np.array(lane.points[:1]), {"ec": FIXTURE}
     for name, doorway in records.automatic_doors.items():
         yield doorway.floor, "door, automatic", name, np.array(doorway.polygon), {}
     for name, door in records.doors.items():

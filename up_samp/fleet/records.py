@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -579,7 +579,7 @@ def _objective(value: Any) -> Any:
     )
 
 
-_Term: Any = Literal.__getitem__(tuple(f.name for f in fields(Weights)))
+_Term: Any = Literal.__getitem__(tuple(Weights.__dataclass_fields__))
 AnyObjective = Annotated[
     Literal["makespan", "none"] | Weights | tuple[Weights, ...],
     BeforeValidator(

@@ -394,7 +394,7 @@ def _can_stop(day: Day, stop: Stop | Task) -> bool:
     away = (body_at(day.site, r, day.poses[r]) for r in day.away)
     taken = [*zip(away, itertools.repeat(day.site.margin))]
     taken += [(Polygon(shape), 0.0) for shape in day.areas.values()]
-    kinds = {day.site.robots[r].type: r for r in day.site.robots} if taken else {}
+    kinds = {robot.type: r for r, robot in day.site.robots.items()}
     poses = [day.site.places[place].pose for place in stop.at]
     bodies = (body_at(day.site, r, pose) for r in kinds.values() for pose in poses)
     return not taken or any(

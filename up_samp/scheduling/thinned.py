@@ -42,7 +42,7 @@ class ThinnedScheduler(CpsatSession):
         relaxation: Relaxation,
         *,
         seed: int = 0,
-        tuning: Tuning | None = None,
+        tuning: Tuning = Tuning(),
     ) -> None:
         super().__init__(relaxation.problem, seed=seed, tuning=tuning)
         self.engine, self.relaxation = engine, relaxation

@@ -144,31 +144,30 @@ class SchedulerPace:
     staged: bool
     proof_seconds: float = 15.0
     """Limit (s) of the next attempt at a proof."""
-    whole: bool = False
-    """Whether the next schedule gets all of the time: a share was not enough for any."""
+    share: tuple[float, float] = PARTS["a schedule"]
+    """For the next schedule: all of the time once a part of it was not enough for any."""
 
     def deadline(self, budget: Budget, *, planned: bool, proving: bool) -> Deadline:
         """Return by when the scheduler has to answer; ``planned``: there is a plan already."""
         if not self.staged or (planned and not proving):
             return budget.deadline
-        if proving and budget.hurried:
-            # the rest is for the motions of what it finds
-            return budget.part("a proof while patience lasts").within(self.proof_seconds)
-        if proving:
-            return budget.deadline.within(self.proof_seconds)
-        return budget.deadline if self.whole else budget.part("a schedule")
+        if proving:  # where patience may end it, the rest is for the motions of what it finds
+            name = "a proof while patience lasts"
+            whole = budget.part(name) if budget.hurried else budget.deadline
+            return whole.within(self.proof_seconds)
+        return budget.deadline.share(*self.share)
 
     def more(self, *, planned: bool) -> bool:
         """Give the scheduler more time after an answer that came too late: twice as much for
         proofs, all of it for the first schedule. Return whether it gets any.
         """
-        if not self.staged or (not planned and self.whole):
+        if not self.staged:
             return False
         if planned:
             self.proof_seconds *= 2
-        else:
-            self.whole = True
-        return True
+            return True
+        before, self.share = self.share, (1.0, math.inf)
+        return before != self.share
 
 
 # ------------------ Restarts without what was only guessed

@@ -373,7 +373,7 @@ def load_balance(
     ways: Sequence[JobMode],
     comings: Comings,
     seconds: float,
-    last: FinalOccupancy | None = None,
+    last: FinalOccupancy = FinalOccupancy(),
     since: int = 0,
 ) -> LoadBalance:
     """Return a bound on the makespan of all jobs, 0 where there is no time for it.
@@ -383,7 +383,7 @@ def load_balance(
     """
     from scipy.optimize import linprog  # half a second, for those who have many jobs
 
-    model = _Model(work, ways, comings, last or FinalOccupancy(), since)
+    model = _Model(work, ways, comings, last, since)
     found = linprog(
         model.costs,
         A_ub=model.less.matrix(len(model.costs)),
