@@ -192,39 +192,6 @@ def errands(name: str, tuning: Table) -> Values:
     return arrivals(tight_places.errands(grid, kind, int(robots), int(seed)), tuning)
 
 
-def runs(name: str, tuning: Table) -> Values:
-    """A plan executed with delays of 30 %, orders looked at again."""
-    from up_samp.execution import Delays, dependencies_from_plan, simulate
-
-    plan, read = _plan_of(name), tuning_of(tuning)
-    fine, delays = dependencies_from_plan(plan), Delays.of_share(0.3)
-    done = [
-        simulate(fine, plan, delays, seed, policy="reorder", tuning=read)
-        for seed in range(5000, 5004)
-    ]
-    bad = sum(bool(r.collisions or r.deadlock or r.overruns or not r.finished) for r in done)
-    return {"found": len(done) - bad, "arrivals": sum(r.makespan for r in done)}
-
-
-_PLANS: dict[str, Any] = {}
-
-
-def _plan_of(name: str) -> Any:
-    """Return a first plan with dependencies, made once with the defaults."""
-    if name not in _PLANS:
-        from unified_planning.shortcuts import OneshotPlanner
-
-        from up_samp.benchmarks.instances import instance
-        from up_samp.execution import with_dependencies
-        from up_samp.io import result_to_dict
-
-        problem = instance(name).build("fluents", False)
-        with OneshotPlanner(name=ENGINE) as planner:
-            result = planner.solve(problem, timeout=120.0)
-        _PLANS[name] = with_dependencies(problem, result_to_dict(problem, result))
-    return _PLANS[name]
-
-
 CASES: dict[str, tuple[Callable[[str, Table], Values], tuple[str, ...]]] = {
     "tight": (tight, (
         "pocket, omni", "pocket, car", "pocket, differential", "lay-by, car",
@@ -243,7 +210,6 @@ CASES: dict[str, tuple[Callable[[str, Table], Values], tuple[str, ...]]] = {
         "navigation-r3", "jobshop-r2-j2-m1", "kitting-r2-k2-p2-d2", "doors-r2-d2",
     )),
     "optimum": (proof, ("jobshop-r2-j2-m1", "jobshop-r2-j1-m4")),
-    "run": (runs, ("navigation-r10",)),
     "better": (better, ("5x10",)),
 }  # fmt: skip
 
@@ -347,8 +313,6 @@ def run(case: str, tuning: Table, seconds: float, reads: bool = False, part: str
     """Return what a case comes to, in a forked process of at most so many seconds of CPU (and
     twenty times as many by the clock).
     """
-    if case.startswith("run: "):
-        _plan_of(case.partition(": ")[2])
     context = multiprocessing.get_context("fork")
     ours, theirs = context.Pipe(duplex=False)
     child = context.Process(target=_child, args=(case, tuning, reads, part, theirs))
@@ -497,7 +461,7 @@ class Sweep:
     def leave_out(self, part: str) -> None:
         """Run every case without a part."""
         shown = {}
-        for case in [c for c in self.kept["base"] if not c.startswith(("tight", "errands", "run"))]:
+        for case in [c for c in self.kept["base"] if not c.startswith(("tight", "errands"))]:
             base = self.kept["base"][case]
             if found := differences(base, run(case, {}, 4 * base["cpu"] + 10, part=part)):
                 shown[case] = found

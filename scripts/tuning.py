@@ -38,12 +38,11 @@ knots = [80000, 300000]
 
 ```sh
 up-samp solve PROBLEM --tuning mine.toml
-up-samp simulate plan.json --tuning mine.toml
 up-samp bench run paper --tuning mine.toml other.toml --out runs   # the defaults, and each file
 ```
 
 From Python: `params={"tuning": "mine.toml"}`, a dictionary, or a `up_samp.tuning.Tuning`;
-engines `samp-refine[...]` and `cpsat` take it; `Executor` and `simulate` take a `Tuning`.
+engines `samp-refine[...]` and `cpsat` take it.
 A name that is unknown is an error, with the nearest known one; so is a value that makes no sense.
 """
 

@@ -44,7 +44,7 @@ def tunable(
 
 
 _FLEET, _GROUP = "search/fleet", "motion/fleet"
-_CPSAT, _FLOOR = "scheduling/cpsat", "execution"
+_CPSAT = "scheduling/cpsat"
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,6 @@ class Tuning:
         _FLEET,
         least=1,
     )
-    deals: int = tunable(8, "assignments", "tried at most, until there is a plan", _FLEET, least=1)
     exchanges: int = tunable(
         2000, "changes a job", "of annealing over who does what", _FLEET, least=0
     )
@@ -72,27 +71,6 @@ class Tuning:
     )
     stale: int = tunable(
         1_000, "changes", "of tours in a row that may bring nothing", _FLEET, least=1
-    )
-    first: int = tunable(
-        20,
-        "motions",
-        "planned for each one of a group, with who is in the way ejected",
-        _GROUP,
-        least=0,
-    )
-    again: int = tunable(
-        30,
-        "motions",
-        "planned again for each one where somebody is late, or all much later than alone",
-        _GROUP,
-        least=0,
-    )
-    enough: float = tunable(
-        1.15,
-        "factor",
-        "of the arrivals alone with which a group on time is content",
-        _GROUP,
-        least=1,
     )
     knots: tuple[int, ...] = tunable(
         (40_000, 150_000),
@@ -127,15 +105,6 @@ class Tuning:
         _CPSAT,
         least=0,
     )
-    horizon: float = tunable(60.0, "s", "ahead, within which decisions come up", _FLOOR, least=0)
-    threshold: float = tunable(
-        1.5,
-        "s",
-        "by which the predicted makespan has to grow before orders are looked at",
-        _FLOOR,
-        least=0,
-    )
-    tick: float = tunable(0.1, "s", "between two looks at a simulated floor", _FLOOR, least=0.001)
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):

@@ -28,8 +28,8 @@ from unified_planning.shortcuts import AnytimePlanner, PlanValidator, get_enviro
 from up_samp import Fleet
 from up_samp.fleet.batteries import Meter
 from up_samp.fleet.floors import floor_of, legs_between, lift_between, ride_seconds
+from up_samp.fleet.meanings import Kind
 from up_samp.fleet.spelled_out import spelled_out
-from up_samp.fleet.statements import Kind
 from up_samp.fleet.visits import Visit, visits_of
 from up_samp.model.deadline import computing_time
 

@@ -170,11 +170,11 @@ class Routes:
 
 
 def annealed(large: LargeProblem, evaluator: AssignmentEvaluator, seconds: float) -> float:
-    """Return the least makespan (s) of our own assignments, dealt out again and again."""
+    """Return the least makespan (s) of our own assignments, made again and again."""
     rng, best, deadline = random.Random(0), math.inf, Deadline.after(seconds)
     found = assign(evaluator, deadline, rng, large.tuning)
     while not deadline.expired():
-        ends = found.rehearsal.ends(found.tours).values()
+        ends = found.evaluator.ends(found.tours).values()
         best = min(best, max(end for end, _ in ends))
         found = exchanged(found, rng, deadline, share=0.3, warmth=0.1, another=True)
     return best

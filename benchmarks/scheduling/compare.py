@@ -19,7 +19,7 @@ from unified_planning.shortcuts import OneshotPlanner
 
 import up_samp  # noqa: F401  (registers the engines)
 from up_samp.model import CandidateSchedule, UnsupportedError
-from up_samp.scheduling.compilers.translate import ProblemWriter, read_problem
+from up_samp.scheduling.compilers.translate import ProblemWriter, read_plain
 from up_samp.scheduling.engine_scheduler import chain, compilers_for, restored
 from up_samp.scheduling.quirks import quirks_of
 from up_samp.scheduling.worker import slim_down
@@ -53,7 +53,7 @@ def compiled(planner: Any, problem: Any, seconds: float) -> tuple[str, Candidate
     """Solve what the compilers make of a problem, and map the answer back."""
     started = time.perf_counter()
     quirks = quirks_of(type(planner))
-    original = read_problem(problem)
+    original = read_plain(problem)
     plan = chain(original, compilers_for(quirks))
     written = ProblemWriter(plan.problem)
     if quirks.message_limit is not None:

@@ -336,19 +336,6 @@ def test_simulate_prints_a_table_and_writes_files(made, tmp_path, capsys):
     assert "NAME=NUMBER of slow" in capsys.readouterr().err
 
 
-def test_simulate_takes_tunables(made, tmp_path, capsys):
-    plan = write_plan(
-        tmp_path / "plan.json",
-        with_dependencies(made.problem, plan_to_dict(made.problem, made.plan)),
-    )
-    file = tmp_path / "mine.toml"
-    file.write_text("tick = 0.5\n")
-    assert main(["simulate", str(plan), "--runs", "1", "--tuning", str(file)]) == 0
-    file.write_text("tick = 0\n")
-    assert main(["simulate", str(plan), "--runs", "1", "--tuning", str(file)]) == 2
-    assert "'tick' must be 0.001 or more" in capsys.readouterr().err
-
-
 def test_a_command_loads_what_it_needs_and_no_other():
     """The version is told at once: what commands import takes a second and more."""
     told = (

@@ -103,9 +103,9 @@ LIMITS = {
     "wide_functions": 15,
     "long_files": 0,
     "said_twice": 7,
-    "tunables": 16,
+    "tunables": 9,
 }
-NUMBERS = 243
+NUMBERS = 233
 CLASSES = 527
 COUNTS = {"shared_names": 0, "type_circles": 0, "big_rooms": 0}
 """What the figures may be at most: lower them when they fall, never raise them for convenience."""

@@ -40,7 +40,8 @@ def test_no_combination_of_decisions_is_sooner(yaml):
     def watch(executor):
         nonlocal looked, better
         ahead = executor.retime()
-        decisions = open_decisions(executor, ahead, 1000.0, 5)
+        executor.horizon = 1000.0
+        decisions = open_decisions(executor, ahead)[:5]
         if not decisions or executor.now % 4.0 > 1.0:
             return 0
         looked += 1

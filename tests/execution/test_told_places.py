@@ -17,7 +17,7 @@ from up_samp.benchmarks import instance
 from up_samp.execution import Delays, Executor, dependencies_of, solve_remaining
 from up_samp.execution.simulate import Floor
 from up_samp.io import plan_from_dict, result_to_dict
-from up_samp.upio.relaxing import told_by
+from up_samp.upio.expressions import told_by
 from up_samp.validation import validate_plan
 
 INSTANCES = ("logistics-do-oc-r2-i2", "logistics-dc-all-r2-i2", "jobshop-r2-j1-m1", "doors-r2-d1")

@@ -9,7 +9,7 @@ import pytest
 from up_samp.fleet import Fleet, FleetError
 from up_samp.fleet.batteries import Meter, levels, pieces_of
 from up_samp.fleet.build import write_problem
-from up_samp.fleet.statements import Kind, Meaning
+from up_samp.fleet.meanings import Kind, Meaning
 from up_samp.validation import validate_plan
 
 MAPS = Path(__file__).parents[2] / "examples" / "maps"

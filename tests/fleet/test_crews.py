@@ -7,7 +7,7 @@ from tests.shuffled import shuffled_fleet
 from up_samp.execution import Delays, dependencies_of, simulate
 from up_samp.fleet import Fleet, FleetError
 from up_samp.fleet.files import write_problem_file
-from up_samp.fleet.statements import Kind
+from up_samp.fleet.meanings import Kind
 from up_samp.fleet.visits import ENDS
 from up_samp.validation import validate_plan
 

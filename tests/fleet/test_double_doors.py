@@ -9,10 +9,9 @@ from up_samp.execution import Delays, dependencies_of, simulate
 from up_samp.fleet import Fleet, read_problem_file
 from up_samp.fleet.files import write_problem_file
 from up_samp.fleet.outlines import placed
-from up_samp.fleet.picture import _laid_out
+from up_samp.fleet.picture import _fixtures
 from up_samp.fleet.records import Door, FleetRecords, Storey
 from up_samp.model import Deadline, UnsupportedError
-from up_samp.model.frames import Frame
 from up_samp.model.refinement import Strength
 from up_samp.operate.planner import check_site
 from up_samp.search.params import Parameters
@@ -123,10 +122,10 @@ def test_messages_say_the_other_leaf():
     assert not any("@" in text for text in texts)
 
 
-def test_both_leaves_are_drawn_where_their_floor_is():
+def test_both_leaves_are_drawn():
     ends = ((2.0, 0.0, 0.0), (3.0, 0.0, 0.0))
     door = Door((1.0, 0.1), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), ("p",), floor="up", second=ends)
     records = FleetRecords("map.yaml", floors={"up": Storey("up.yaml", 4.0)}, doors={"d": door})
-    drawn = _laid_out(records, {0.0: Frame(), 4.0: Frame(10.0, 0.0)}).doors["d"]
-    assert drawn.closed == (10.0, 0.0, 0.0)
-    assert drawn.second == ((12.0, 0.0, 0.0), (13.0, 0.0, 0.0))
+    told = [(kind, corners.mean(axis=0)[0]) for _, kind, _, corners, _ in _fixtures(records)]
+    shut, opened = ([x for kind, x in told if kind.endswith(end)] for end in ("closed", "open"))
+    assert (shut, opened) == ([0.0, 2.0], [1.0, 3.0])

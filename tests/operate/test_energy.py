@@ -13,7 +13,7 @@ import pytest
 from tests.operate.days import Day
 from tests.operate.sites import hall
 from tests.operate.wire import AgvFloor
-from up_samp.fleet.statements import Kind, Meaning
+from up_samp.fleet.meanings import Kind, Meaning
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.operate.horizon import Cut
 from up_samp.operate.planner import _solved, check_site

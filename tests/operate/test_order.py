@@ -16,7 +16,7 @@ from up_samp.execution.lives import drives_of, lives_of
 from up_samp.execution.meetings import meetings_of
 from up_samp.execution.reorder import Goal
 from up_samp.execution.state import TaskPhase
-from up_samp.fleet.statements import Kind, Meaning
+from up_samp.fleet.meanings import Kind, Meaning
 from up_samp.model import ProblemError
 from up_samp.operate.horizon import Cut, Cutter, Opened
 from up_samp.operate.loop import Operation

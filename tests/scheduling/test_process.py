@@ -30,7 +30,7 @@ from up_samp.model import (
 )
 from up_samp.scheduling import engine_scheduler, is_compatible, open_scheduler, process
 from up_samp.scheduling.compilers.constraints import compile_differences
-from up_samp.scheduling.compilers.translate import read_problem
+from up_samp.scheduling.compilers.translate import read_plain
 from up_samp.scheduling.engine_scheduler import chain, compilers_for
 from up_samp.scheduling.process import OverrunError, WorkerProcess
 from up_samp.scheduling.quirks import Quirks
@@ -205,7 +205,7 @@ def test_a_task_that_the_worker_does_not_take_is_given_up_in_time():
 
 def test_compilers_look_at_the_clock():
     problem, passes = (
-        read_problem(fetch_and_return()),
+        read_plain(fetch_and_return()),
         compilers_for(Quirks(optional=False, assignments=False)),
     )
     with in_force(Deadline.after(0.0)):

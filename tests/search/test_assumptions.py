@@ -59,7 +59,7 @@ from up_samp.search.session import open_service
 from up_samp.search.statements import lower_bounds
 from up_samp.search.world import Motions, surely_there
 from up_samp.upio import read_problem, write_refinement
-from up_samp.upio.relaxing import relax
+from up_samp.upio.write_relaxation import relax
 
 SIZE = (60.0, 14.0)
 BOX = [(-0.5, -0.4), (0.5, -0.4), (0.5, 0.4), (-0.5, 0.4)]

@@ -153,9 +153,9 @@ def test_each_better_plan_of_a_fleet_gives_those_after_it_the_time_to_come(monke
     search = SimpleNamespace(
         budget=spent, history=History(), stopped=False, bounds=SimpleNamespace(met=False)
     )
-    large = SimpleNamespace(nearly_all=lambda share: share)
+    large = SimpleNamespace(part=lambda deadline, name: deadline.share(0.6))
     better = SimpleNamespace(
-        improved=improved, without_traffic=math.inf, dealt=None, tours=None, best=None
+        improved=improved, without_traffic=math.inf, assignment=None, tours=None, best=None
     )
     assert list(solve.improve(search, large, better)) == []
     assert kept == list(range(10))

@@ -21,9 +21,9 @@ ROOT = Path(__file__).parents[2]
 
 def test_a_file_changes_what_it_names(tmp_path):
     file = tmp_path / "mine.toml"
-    file.write_text("deals = 3\nknots = [11, 2]\n")
+    file.write_text("exchanges = 3\nknots = [11, 2]\n")
     tuning = read_tuning(file)
-    assert tuning.changes() == {"deals": 3, "knots": (11, 2)}
+    assert tuning.changes() == {"exchanges": 3, "knots": (11, 2)}
     assert tuning_of(str(file)) == tuning_of(file) == tuning
     assert tuning_of(None) == Tuning() == tuning_of({})
     assert tuning_of(json.loads(json.dumps(tuning.changes()))) == tuning
@@ -32,8 +32,8 @@ def test_a_file_changes_what_it_names(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("deal = 3", "unknown tunable 'deal' .*'deals'"),
-        ("[search]\ndeals = 3", "unknown tunable 'search' .*known: large"),
+        ("exchange = 3", "unknown tunable 'exchange' .*'exchanges'"),
+        ("[search]\nexchanges = 3", "unknown tunable 'search' .*known: large"),
         ("exchanges = -1", "'exchanges' must be 0 or more"),
         ("exchanges = 2.5", "whole number"),
         ("cold = nan", "finite number"),
@@ -74,7 +74,7 @@ def test_the_page_on_tuning_is_true():
 
 
 def test_components_and_schedulers_get_their_tunables(tmp_path, monkeypatch):
-    given = {"deals": 1, "tiny": 0}
+    given = {"exchanges": 1, "tiny": 0}
     sessions = []
     init = CpsatSession.__init__
 
@@ -96,11 +96,11 @@ def test_motion_planning_gets_its_tunables():
     from up_samp.motion import MotionService
     from up_samp.motion.fleet.workspace import workspace_of
 
-    service = MotionService(None, tuning=tuning_of({"again": 7}))
-    assert workspace_of(service).tuning.again == 7
+    service = MotionService(None, tuning=tuning_of({"knots": [7]}))
+    assert workspace_of(service).tuning.knots == (7,)
     assert MotionService(None).tuning == Tuning()
-    with pytest.raises(ProblemError, match="must be 0 or more"):
-        tuning_of({"first": -1})
+    with pytest.raises(ProblemError, match="must be 1 or more"):
+        tuning_of({"knots": [0]})
 
 
 @pytest.mark.parametrize("name", ["samp-refine[cpsat]", "cpsat"])

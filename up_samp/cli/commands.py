@@ -83,14 +83,14 @@ def _check(args: argparse.Namespace) -> int:
     from up_samp.fleet.checks import Level, check_fleet
     from up_samp.fleet.picture import draw_fleet
     from up_samp.fleet.spelled_out import counted, in_numbers
-    from up_samp.plotting.style import saved
+    from up_samp.plotting.style import save_figure
 
     records, folder = read_problem_file(args.problem), args.problem.parent
     findings = check_fleet(records, folder)
     for finding in findings:
         print(finding)
     picture = args.out or args.problem.with_suffix(".check.png")
-    saved(draw_fleet(records, folder, findings), picture)
+    save_figure(draw_fleet(records, folder, findings), picture)
     errors = sum(f.level is Level.ERROR for f in findings)
     warnings = sum(f.level is Level.WARNING for f in findings)
     wrong = f"{counted(errors, 'error')}, {counted(warnings, 'warning')}"

@@ -15,7 +15,6 @@ from up_samp.cli.problems import problem_of_plan
 from up_samp.cli.solving import table
 from up_samp.io import PlanDict, read_plan, write_plan
 from up_samp.model import ProblemError
-from up_samp.tuning import tuning_of
 
 if TYPE_CHECKING:
     from up_samp.execution import Simulation
@@ -31,15 +30,13 @@ def _simulate(args: argparse.Namespace) -> int:
     plan = read_plan(args.plan)
     check_motions(plan)
     delays = Delays.parse(args.delays)
-    asked = args.policy or ["all"]
-    policies = get_args(Policy) if "all" in asked else tuple(dict.fromkeys(asked))
+    policies = tuple(dict.fromkeys(args.policy or get_args(Policy)))
     named = args.problem is not None
     problem = problem_of_plan(args.problem, args.encoding, plan) if named else None
-    tuning = tuning_of(args.tuning)
     found = dependencies_from_plan(plan, problem)
     runs: list[Simulation] = []
     for policy, seed in itertools.product(policies, range(args.seed, args.seed + args.runs)):
-        runs.append(simulate(found, plan, delays, seed, policy=policy, tuning=tuning))
+        runs.append(simulate(found, plan, delays, seed, policy=policy))
     print(_table(runs))
     if args.out is not None:
         files = write_runs(plan, runs, args.out)
@@ -87,7 +84,7 @@ def _table(runs: Sequence[Simulation]) -> str:
 def write_runs(plan: PlanDict, runs: Sequence[Simulation], folder: Path) -> list[Path]:
     """Write ``runs.csv``, the median run's record and pictures; return the files."""
     from up_samp.plotting import plot_executed
-    from up_samp.plotting.style import saved
+    from up_samp.plotting.style import save_figure
 
     folder.mkdir(parents=True, exist_ok=True)
     files = [folder / "runs.csv"]
@@ -107,7 +104,7 @@ def write_runs(plan: PlanDict, runs: Sequence[Simulation], folder: Path) -> list
         middle = mine[len(mine) // 2]
         files.append(write_plan(folder / f"executed-{policy}.json", middle.record))
         picture = plot_executed(plan, middle.record)
-        files.append(saved(picture, folder / f"executed-{policy}.png"))
+        files.append(save_figure(picture, folder / f"executed-{policy}.png"))
     return files
 
 
@@ -120,11 +117,10 @@ COMMANDS: dict[str, Command] = {
         option("--runs", None, "N", int, 20),
         option("--seed", "of the first run", "N", int, 0),
         option("--policy", "how to follow the plan; may be given again (default: timed, staircase, "
-               "reorder)", choices=("timed", "staircase", "reorder", "all"), action="append"),
+               "reorder)", choices=("timed", "staircase", "reorder"), action="append"),
         option("--problem", "the plan's problem, as for 'up-samp solve': where the plan file has "
                "no dependencies", "PROBLEM"),
         encoding(),
         option("--out", "folder for CSV, record and pictures", "DIR", Path),
-        option("--tuning", "see the page on tuning", "FILE.toml", Path),
     )),
 }  # fmt: skip

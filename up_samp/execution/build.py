@@ -41,12 +41,11 @@ from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.graphs import reached
 from up_samp.model.snapshot import Snapshot
 from up_samp.scheduling.compilers.plain import Condition, Expr
-from up_samp.scheduling.compilers.translate import read_expression
-from up_samp.scheduling.compilers.translate import read_problem as read_plain
+from up_samp.scheduling.compilers.translate import read_expression, read_plain
 from up_samp.scheduling.partial_order.differences import Difference, Planned, Point
 from up_samp.scheduling.partial_order.orders import OrderConstraint, orders_of, performers
+from up_samp.upio.expressions import told_by
 from up_samp.upio.movers import named_as_planned
-from up_samp.upio.relaxing import told_by
 
 Sides = Mapping[Key, bool]
 

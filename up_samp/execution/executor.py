@@ -43,7 +43,6 @@ from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import Along, along, away, pose_at
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
 from up_samp.model import ProblemError
-from up_samp.tuning import Tuning
 
 FORMAT, VERSION = "up-samp-execution", 1
 _KEPT: dict[str, type] = {
@@ -57,8 +56,7 @@ class Executor(Followed):
 
     ``plan`` is a plan dictionary with ``dependencies``, or any plan of ``problem``. Call ``update``
     as often as robots tell where they are, ``done`` when a task is over, and do what ``commands``
-    says. Times are seconds since the plan's start; they never go back. ``tuning`` are numbers that
-    say how hard orders are looked at again (docs/tuning.md).
+    says. Times are seconds since the plan's start; they never go back.
 
     ``localisation`` (m) is how far from the truth a told progress may be (``None``: what the
     dependencies were made for, else 0.05), and ``latency`` (s) by how much longer than another one
@@ -81,7 +79,6 @@ class Executor(Followed):
         latency: float = 0.0,
         ahead: float | None = None,
         dependencies: Dependencies | None = None,
-        tuning: Tuning = Tuning(),
     ):
         _check("m", localisation=localisation, tolerance=tolerance)
         _check("s", latency=latency, ahead=ahead)
@@ -105,7 +102,7 @@ class Executor(Followed):
         self._late = {name: max(latency, life.latency) for name, life in lives.items()}
         errors = errors_of(lives, localisation)
         self.state = FloorState(graph, self.dependencies.travels, tolerance, errors, self._late)
-        self.latency, self.ahead, self.tuning = latency, ahead, tuning
+        self.latency, self.ahead = latency, ahead
         self.sides = {**self.dependencies.sides}
         self.drives = drives_of(self.dependencies.lives)
         """The robots' motions, by activity and robot."""
@@ -195,7 +192,7 @@ class Executor(Followed):
         """Return a copy on which nothing of what is told to this one has an effect."""
         options = {"tolerance": self.state.tolerance, "localisation": self.localisation}
         copy = Executor(
-            self.plan, self.problem, dependencies=self.dependencies, tuning=self.tuning,
+            self.plan, self.problem, dependencies=self.dependencies,
             latency=self.latency, ahead=self.ahead, **options,
         )  # fmt: skip
         copy.__dict__["open_sides"] = self.open_sides
@@ -339,14 +336,14 @@ class Executor(Followed):
                     continue
             raise ProblemError(f"{then} cannot be told: {first} comes before it ({edge.why})")
 
-    def remaining_problem(self, surprise: Surprise | None = None) -> Remaining:
+    def remaining_problem(self, surprise: Surprise = Surprise()) -> Remaining:
         """Return what is left as an ordinary UP problem, see
         :func:`up_samp.execution.remaining.remaining_problem`.
         """
         if self.problem is None:
             raise ProblemError("what is left can be told only where the problem is known")
-        told, lives = surprise or Surprise(), self.dependencies.lives
-        left = remaining_problem(self.problem, self.plan, self.state, lives, told)
+        lives = self.dependencies.lives
+        left = remaining_problem(self.problem, self.plan, self.state, lives, surprise)
         return replace(left, localisation=self.localisation)
 
     # ------------------------------------------------------------------ what is told

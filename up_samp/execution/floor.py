@@ -303,7 +303,7 @@ class SimulatedRobot:
 
 @dataclass(frozen=True)
 class Handled:
-    """What was done at a place: ``kind`` as in :class:`up_samp.fleet.statements.Kind` by its value,
+    """What was done at a place: ``kind`` as in :class:`up_samp.fleet.meanings.Kind` by its value,
     of which order (``what``), by whom, from when to when (s).
     """
 

@@ -38,9 +38,8 @@ from up_samp.scheduling.compilers.plain import Expr, fluents_in, show
 from up_samp.scheduling.compilers.translate import read_expression
 from up_samp.scheduling.partial_order.differences import Planned, constant, kept
 from up_samp.scheduling.partial_order.orders import durations
-from up_samp.upio.expressions import activities_in, conditions_of, own_end
+from up_samp.upio.expressions import activities_in, conditions_of, own_end, told_by
 from up_samp.upio.movers import Involved, brought, named_as_planned, whereabouts
-from up_samp.upio.relaxing import told_by
 from up_samp.upio.restrict import Decided
 
 # ------------------ What has happened by now: effects, as initial values of what is left

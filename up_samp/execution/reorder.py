@@ -19,7 +19,6 @@ from up_samp.execution.lives import Stay
 from up_samp.execution.meetings import Component, Key, Meeting, switched
 from up_samp.execution.state import FloorState, Forecast, TaskPhase, forecast
 from up_samp.model import ProblemError
-from up_samp.tuning import Tuning
 
 
 def planned_sides(dependencies: Dependencies) -> dict[Component, bool]:
@@ -81,13 +80,14 @@ class Followed:
 
     dependencies: Dependencies
     state: FloorState
-    tuning: Tuning
     sides: dict[Key, bool]
     """What was decided anew."""
     goals: Mapping[str, Goal] = MappingProxyType({})
     """The activities whose ends count (none: the last end of all counts)."""
     lead: float = 0.0
     """Seconds that pass before an order that is decided now is followed."""
+    horizon: float = 60.0
+    """For how many seconds ahead decisions are looked at."""
     ahead: float | None = None
     """For how many seconds farther than they can stand robots are let drive for good (None: what
     they are told can be taken back)."""
@@ -117,19 +117,17 @@ class Decision:
     needs: Mapping[bool, tuple[Edge, ...]]
 
 
-def open_decisions(
-    executor: Followed, ahead: Forecast, horizon: float, most: int
-) -> list[Decision]:
-    """Return the ``most`` open decisions that come up first, within ``horizon`` s."""
+def open_decisions(executor: Followed, ahead: Forecast) -> list[Decision]:
+    """Return the open decisions that come up first, within the executor's ``horizon``."""
     found = [*_components(executor), *_choices(executor)]
     timed = []
     for decision in found:
         times = [ahead.span(p.then.activity)[0] for needs in decision.needs.values() for p in needs]
         due = min(times, default=math.inf)
-        if due <= executor.now + horizon and _is_open(executor, ahead, decision):
+        if due <= executor.now + executor.horizon and _is_open(executor, ahead, decision):
             timed.append((due, str(decision.key), decision))
     timed.sort(key=lambda t: t[:2])
-    return [decision for _, _, decision in timed[:most]]
+    return [decision for _, _, decision in timed[:_MOST]]
 
 
 def _components(executor: Followed) -> list[Decision]:
@@ -386,12 +384,11 @@ class Proposal:
 def propose(executor: Followed) -> Proposal | None:
     """Return an order that is forecast to end sooner than the present one, if one is found.
 
-    Which decisions are looked at, and for how long, is said by ``executor.tuning``. The
-    executor is used up: it is left with whatever order was tried last.
+    The executor is used up: it is left with whatever order was tried last.
     """
     base = dict(executor.sides)
     before = executor.retime()
-    decisions = open_decisions(executor, before, executor.tuning.horizon, _MOST)
+    decisions = open_decisions(executor, before)
     if not decisions:
         return None
     chosen = _solve(executor, before, decisions)

@@ -22,12 +22,11 @@ from up_samp.execution.reports import Do
 from up_samp.execution.travel import pose_at
 from up_samp.io.plan_dict import PlanDict, result_to_dict
 from up_samp.model import ProblemError
-from up_samp.tuning import Tuning
 
 _PATIENCE = 30.0
 """Times as long as planned, and 60 s more, may a run take."""
-_PAUSE = 4.0
-"""s between two looks at who goes first."""
+_PAUSE, _THRESHOLD = 4.0, 1.5
+"""s between two looks at who goes first; and s by which all has to end later for one."""
 _STILL = 5.0
 """s in which nothing happens, though nothing is disturbed and nobody waits for the clock: a
 deadlock.
@@ -78,6 +77,9 @@ class Floor(SimulatedFloor):
     where they are and wait for nobody.
     """
 
+    tick = 0.1
+    """Seconds between two looks."""
+
     def __init__(
         self, executive: Executor, delays: Delays, seed: int, by_clock: bool = False
     ) -> None:
@@ -91,8 +93,6 @@ class Floor(SimulatedFloor):
             first[name] = (x, y, theta)
         super().__init__(first, luck, delays, seed)
         self.executive, self.by_clock = executive, by_clock
-        self.tick = executive.tuning.tick
-        """Seconds between two looks."""
         self.idle = 0.0
         self.follow(executive)
 
@@ -148,7 +148,7 @@ class Floor(SimulatedFloor):
 
 class Reorderer:
     """Reorders when the predicted makespan has grown by more than a threshold since it last did,
-    but not too often (``executor.tuning``).
+    but not too often.
     """
 
     def __init__(self) -> None:
@@ -162,7 +162,7 @@ class Reorderer:
         ahead = executor.predicted_makespan()
         if self.known is None:
             self.known = min(ahead, executor.state.graph.planned)
-        if ahead < self.known + executor.tuning.threshold:
+        if ahead < self.known + _THRESHOLD:
             return 0
         self.since = executor.now
         changed = executor.reorder()
@@ -178,19 +178,18 @@ def simulate(
     *,
     policy: Policy = "staircase",
     judged: bool = True,
-    tuning: Tuning = Tuning(),
     watch: Callable[[Executor], int] | None = None,
 ) -> Simulation:
     """Execute a plan once with the delays of ``seed``, which are the same for every policy.
 
     ``policy``: "timed" follows the clock; "staircase" the graph; "reorder" also changes who
-    goes first. ``judged``: look for collisions. ``tuning`` are the numbers of docs/tuning.md.
+    goes first. ``judged``: look for collisions.
     ``watch`` is called about every second with the executor and returns how often it changed an
     order.
     """
     by_clock = policy == "timed"
     followed = timed(dependencies) if by_clock else dependencies
-    executive = Executor(plan, dependencies=followed, tuning=tuning)
+    executive = Executor(plan, dependencies=followed)
     if policy == "reorder" and watch is None:
         watch = Reorderer()
     floor = Floor(executive, delays, seed, by_clock)
@@ -262,7 +261,7 @@ def remaining_at(
     problem: SchedulingProblem,
     plan: PlanDict,
     time: float,
-    surprise: Surprise | None = None,
+    surprise: Surprise = Surprise(),
     broken_down: Collection[str] = (),
 ) -> Remaining:
     """Return what is left of a plan that was carried out without delays until ``time`` (s), when a
@@ -276,9 +275,7 @@ def remaining_at(
         floor.step()
     if not floor.goes_on:
         raise ProblemError(f"nothing is left at {time:g} s: the plan is over after {floor.now:g} s")
-    return executor.remaining_problem(
-        broken_where_they_stand(executor, surprise or Surprise(), broken_down)
-    )
+    return executor.remaining_problem(broken_where_they_stand(executor, surprise, broken_down))
 
 
 def broken_where_they_stand(

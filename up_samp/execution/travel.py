@@ -185,18 +185,26 @@ def travel_of(path: Path) -> TravelProfile:
     if not path.tunable:
         cap = np.minimum(cap, _planned_speed(path, grid))
     gaps = np.diff(grid)
-    for i in range(len(gaps) - 1, -1, -1):  # who comes to where it has to be slow slows down before
-        cap[i] = min(cap[i], np.sqrt(cap[i + 1] ** 2 + 2 * push * gaps[i]))
+    cap = _slowing(cap, 2 * push * gaps)
     speed = cap.copy()
     speed[np.isin(grid, [0.0, *stops])] = 0.0
     for i in range(len(gaps)):
         speed[i + 1] = min(speed[i + 1], np.sqrt(speed[i] ** 2 + 2 * push * gaps[i]))
-    for i in range(len(gaps) - 1, -1, -1):
-        speed[i] = min(speed[i], np.sqrt(speed[i + 1] ** 2 + 2 * push * gaps[i]))
+    speed = _slowing(speed, 2 * push * gaps)
     mean = 0.5 * (speed[1:] + speed[:-1])
     slow = np.sqrt(push * gaps) / 2  # from rest to rest within one stretch
     time = np.concatenate([[0.0], np.cumsum(gaps / np.maximum(mean, slow))])
     return TravelProfile(grid, speed, time, cap, push, stops)
+
+
+def _slowing(speed: FloatArray, lost: FloatArray) -> FloatArray:
+    """Return speeds of who slows down before it has to be slow: squares fall by ``lost`` at most
+    from each one to the next.
+    """
+    found = speed.copy()
+    for i in range(len(lost) - 1, -1, -1):
+        found[i] = min(found[i], np.sqrt(found[i + 1] ** 2 + lost[i]))
+    return found
 
 
 def travels_of(lives: Mapping[str, Life]) -> dict[tuple[str, str], TravelProfile]:

@@ -19,9 +19,9 @@ import numpy as np
 
 from up_samp.fleet.floors import FloorMaps, floor_of, way_between
 from up_samp.fleet.loads import load_of, ridden, with_load
+from up_samp.fleet.meanings import Kind, Written
 from up_samp.fleet.outlines import kept_out, ruled
 from up_samp.fleet.records import Battery, Charger, FleetRecords
-from up_samp.fleet.statements import Kind, Written
 from up_samp.io.sampling import rows_trajectory
 from up_samp.model import Body, Configuration, Deadline, PathQuery, Placed, Trajectory
 from up_samp.motion import MotionService
@@ -213,7 +213,7 @@ def levels(
         ]
         for who, a in charges:
             if who == robot:
-                effects, level_of = effects_of(by_name[a["name"]]), battery_of(robot)
+                effects, level_of = effects_of(by_name[a["name"]]), level_fluent(robot)
                 effect = next(e for _, e in effects if e.fluent.fluent().name == level_of)
                 given = float(effect.value.constant_value()) * battery.capacity / battery.grains
                 given = math.inf if effect.is_assignment() else given
@@ -226,7 +226,7 @@ def levels(
     return found
 
 
-def battery_of(robot: str) -> str:
+def level_fluent(robot: str) -> str:
     """Return the name of the fluent that tells a robot's level."""
     return f"{robot}_battery"
 
@@ -235,7 +235,7 @@ def tell_levels(records: FleetRecords, written: Written, plan: Mapping[str, Any]
     """Return in words how low batteries get, by what is really driven."""
     lines = []
     for robot, course in levels(records, written, plan).items():
-        battery = records.robot_types[records.robots[robot].type].battery
+        battery = records.kind_of(robot).battery
         assert battery is not None
         least = min(level for _, level in course)
         text = f"the battery of {robot} falls to {least:.3g} of {battery.capacity:g} at its lowest"

@@ -21,10 +21,10 @@ from unified_planning.shortcuts import MinimizeMakespan, Minus, Or
 
 from up_samp.fleet.drives import Drives
 from up_samp.fleet.jobs import JobRules, add_buffers, add_loads, add_setups
+from up_samp.fleet.meanings import Kind, Written, one_at_a_time
 from up_samp.fleet.records import FleetRecords
 from up_samp.fleet.site import Site
 from up_samp.fleet.spelled_out import spelled_out
-from up_samp.fleet.statements import Kind, Written, one_at_a_time
 from up_samp.fleet.work import Work
 from up_samp.model.graphs import grouped
 from up_samp.model.objective import Cost, MinimizeCosts
@@ -137,7 +137,7 @@ def _energy(site: Site, work: Work) -> Iterator[Amount]:
     """What drives take from batteries, in the user's units."""
     for a in _drives(site):
         robot = site.meanings[a.name].robot
-        battery = site.kind_of(robot).battery
+        battery = site.records.kind_of(robot).battery
         for _, effect in effects_of(a):
             if battery is not None and effect.fluent == site.batteries[robot]:
                 yield battery.capacity / battery.grains, effect.value, a
@@ -154,7 +154,7 @@ def _cost(site: Site, work: Work) -> Iterator[Amount]:
     hours = Fraction(str(site.records.seconds_per_unit)) / 3600
     for robot, drives in _by_robot(site).items():
         used, far, long = (
-            Fraction(str(site.kind_of(robot).costs.get(what, 0)))
+            Fraction(str(site.records.kind_of(robot).costs.get(what, 0)))
             for what in ("used", "per_km", "per_hour")
         )
         yield used, Or(present(*drives)), None

@@ -25,10 +25,10 @@ from up_samp.fleet.floors import (
     way_between,
 )
 from up_samp.fleet.loads import ends_of, load_of, load_pose, loads_of, place_of, with_load
+from up_samp.fleet.meanings import Kind
 from up_samp.fleet.outlines import area_of, body_of, front_of, kept_out, placed, ruled, still
 from up_samp.fleet.records import Attached, FleetRecords, Order, Task, can_do, needs_robot
 from up_samp.fleet.spelled_out import spelled_out
-from up_samp.fleet.statements import Kind
 from up_samp.fleet.visits import in_doorways, visits_of
 from up_samp.model import Body, Deadline, Outcome, PathQuery, Placed
 from up_samp.motion.compile import precompile

@@ -31,10 +31,10 @@ from up_samp.fleet.loads import (
     seat_of,
     seats_of_carriers,
 )
+from up_samp.fleet.meanings import Kind, Meaning
 from up_samp.fleet.outlines import area_of
 from up_samp.fleet.records import GROUND, Order, RobotType, can_do
 from up_samp.fleet.site import Site
-from up_samp.fleet.statements import Kind, Meaning
 from up_samp.fleet.visits import Successions, check_visits, moves_needed
 from up_samp.fleet.work import Work
 from up_samp.model import Placed
@@ -66,7 +66,7 @@ class Drives:
 
     def add(self, robot: str) -> None:
         """Add the drives that a robot may need, as many of each as any schedule could."""
-        records, kind = self._site.records, self._site.kind_of(robot)
+        records, kind = self._site.records, self._site.records.kind_of(robot)
         check_visits(records, robot, self._work.visits[robot])
         needed = moves_needed(self._work.visits[robot], Successions(records, robot))
         longest = self._longest(kind)
@@ -96,11 +96,11 @@ class Drives:
         """Return who may carry an order's load with ``robot``: in the order of their places, nobody
         where it carries it alone.
         """
-        records, kind = self._site.records, self._site.kind_of(robot)
+        records, kind = self._site.records, self._site.records.kind_of(robot)
         alike = [
             name
             for name in records.robots
-            if name != robot and kind.model == "omni" and self._site.kind_of(name) is kind
+            if name != robot and kind.model == "omni" and self._site.records.kind_of(name) is kind
             if can_do(records, name, order)
         ]
         load = load_of(records, order)
@@ -208,7 +208,7 @@ class Drives:
         """
         if to not in self._site.stops:
             return 0
-        kind = self._site.kind_of(robot)
+        kind = self._site.records.kind_of(robot)
         units = self._site.up(math.sqrt(2 * self._cabin / kind.a_max))
         a.set_duration_bounds(
             max(units, a.duration.lower.constant_value()), a.duration.upper.constant_value()
@@ -277,7 +277,7 @@ class Drives:
         floor but for those that it takes along, or stands under when it begins or ends.
         """
         site = self._site
-        kind = site.kind_of(robot)
+        kind = site.records.kind_of(robot)
         found = [r for name, r in site.robots.items() if name != robot]
         for first, load in loads_of(site.records):
             mine = [name for name in (origin, to) if name.partition(MARK)[2] == first.id]

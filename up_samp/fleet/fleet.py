@@ -35,6 +35,7 @@ from up_samp.fleet.faults import (
     same_names,
 )
 from up_samp.fleet.files import read_problem_file, read_record, write_problem_file
+from up_samp.fleet.meanings import Kind, Written, words_of
 from up_samp.fleet.records import (
     AutomaticDoor,
     Door,
@@ -52,7 +53,6 @@ from up_samp.fleet.records import (
     Zone,
 )
 from up_samp.fleet.spelled_out import ids_of, spelled_out
-from up_samp.fleet.statements import Kind, Written, words_of
 from up_samp.io import PlanDict, result_to_dict
 from up_samp.io.precision import PRECISION
 from up_samp.io.sampling import in_formation
@@ -210,7 +210,7 @@ def solve_problem(
 def saved(ax: Axes, file: str | PathLike[str] | None) -> Axes:
     """Save a picture, if ``file`` names one; return its axes."""
     if file is not None:
-        from up_samp.plotting.style import saved as save_figure
+        from up_samp.plotting.style import save_figure
 
         save_figure(ax, Path(file))
     return ax
@@ -231,6 +231,8 @@ class Fleet:
     :param margin: clearance in m that motions keep from walls and from each other.
     """
 
+    folder: Path
+    """The folder that the map's file is relative to."""
     _told: FleetRecords
     _written: Written | None
 
@@ -250,7 +252,7 @@ class Fleet:
             "seconds_per_unit": seconds_per_unit,
             "margin": margin,
         }
-        self._folder = Path()
+        self.folder = Path()
         self._hold(read_record(FleetRecords, data))
 
     @classmethod
@@ -258,7 +260,7 @@ class Fleet:
         """Read a problem file (YAML or JSON)."""
         path = Path(file)
         fleet = cls.__new__(cls)
-        fleet._folder = path.parent
+        fleet.folder = path.parent
         fleet._hold(read_problem_file(path))
         return fleet
 
@@ -268,7 +270,7 @@ class Fleet:
         home = path.resolve().parent
 
         def seen_from_home(map_file: str) -> str:
-            where = (self._folder / map_file).resolve()
+            where = (self.folder / map_file).resolve()
             return str(where.relative_to(home) if where.is_relative_to(home) else where)
 
         records = self.records
@@ -303,11 +305,6 @@ class Fleet:
         self._written = None
         if isinstance(job, Order) and isinstance(job.attached, str):
             self._takers.setdefault(job.attached, []).append(job)
-
-    @property
-    def folder(self) -> Path:
-        """The folder that the map's file is relative to."""
-        return self._folder
 
     # -- what there is -------------------------------------------------------------------------
     def add_robot_type(self, name: str, footprint: Any, **options: Any) -> None:
@@ -410,7 +407,7 @@ class Fleet:
                 faults.append(NO_ROBOT)
             if faults:
                 raise FleetError(faults)
-            self._written = write_problem(self.records, self._folder)
+            self._written = write_problem(self.records, self.folder)
         return self._written
 
     def solve(self, timeout: float | None = 60.0, **params: Any) -> FleetResult:
@@ -456,13 +453,13 @@ class Fleet:
 
     def check(self) -> list[Finding]:
         """Look at it before any solving: what overlaps, what can be reached at all."""
-        return check_fleet(self.records, self._folder)
+        return check_fleet(self.records, self.folder)
 
     def draw(self, file: str | PathLike[str] | None = None) -> Axes:
         """Draw the map with all places, doors, zones and robots; what the check tells of is red."""
         from up_samp.fleet.picture import draw_fleet  # Matplotlib is slow to import
 
-        return saved(draw_fleet(self.records, self._folder, self.check()), file)
+        return saved(draw_fleet(self.records, self.folder, self.check()), file)
 
     def _named(self, kind: str, record: type, name: str, data: dict[str, Any]) -> None:
         known = getattr(self.records, kind)

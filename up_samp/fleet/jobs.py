@@ -26,9 +26,7 @@ from unified_planning.shortcuts import (
 
 from up_samp.fleet.faults import Fault, FleetError, earlier_than, missing
 from up_samp.fleet.loads import place_of
-from up_samp.fleet.records import Order, Resource, Task
-from up_samp.fleet.site import Site
-from up_samp.fleet.statements import (
+from up_samp.fleet.meanings import (
     Kind,
     Meaning,
     ends_before,
@@ -37,6 +35,8 @@ from up_samp.fleet.statements import (
     only_with,
     together,
 )
+from up_samp.fleet.records import Order, Resource, Task
+from up_samp.fleet.site import Site
 from up_samp.fleet.visits import ENDS, JOBS, fit
 from up_samp.fleet.work import Work
 from up_samp.upio.expressions import at_start, present
@@ -44,7 +44,7 @@ from up_samp.upio.expressions import at_start, present
 
 def add_loads(site: Site, work: Work, robot: str) -> None:
     """State what fits on a robot at a time."""
-    kind = site.kind_of(robot)
+    kind = site.records.kind_of(robot)
     mine = {v.what for v in work.visits[robot] if v.kind is Kind.DELIVERY}
     orders = [o for o in site.records.orders if o.id in mine]
     pairs = itertools.combinations(orders, 2)
@@ -92,7 +92,7 @@ def _one_order(site: Site, work: Work, robot: str, orders: Sequence[Order]) -> N
 
 def _level(site: Site, work: Work, robot: str, load: str, orders: Sequence[Order]) -> None:
     """Room for loads of a kind: taken as a pickup begins, given back as a delivery ends."""
-    capacity = site.kind_of(robot).capacity[load]
+    capacity = site.records.kind_of(robot).capacity[load]
     fluent = Fluent(f"{robot}_room_{load}", IntType(0, capacity))
     taken = sum(order.load.get(load, 0) for order in site.records.on_board(robot))
     site.problem.add_fluent(fluent, default_initial_value=capacity - taken)

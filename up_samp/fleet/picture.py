@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch, Polygon
 
@@ -20,27 +21,34 @@ from up_samp.fleet.outlines import placed, rules_for, zone_of
 from up_samp.fleet.records import GROUND, FleetRecords
 from up_samp.fleet.spelled_out import in_numbers, spelled_out
 from up_samp.io.plan_dict import zone_entry
+from up_samp.model.arrays import FloatArray
 from up_samp.model.frames import Frame
 from up_samp.plotting.background import ground_of, told
-from up_samp.plotting.map_picture import draw_area, label_of, legend_below, map_panels
-from up_samp.plotting.style import (
-    FIXTURE,
-    INK,
-    WRONG,
-    PlacedLabel,
-    color_of,
-    mixed,
-    place_labels,
-)
+from up_samp.plotting.map_picture import AREA_LOOK, label_of, legend_below, map_panels
+from up_samp.plotting.style import FIXTURE, INK, WRONG, color_of, mixed, place_labels
+
+Shape = tuple[str, str, str, FloatArray, dict[str, Any]]
+"""The floor of something, its kind, its name, its corners (n, 2), and how it differs from others of
+its kind.
+"""
+LOOKS: dict[str, dict[str, Any]] = {
+    "place": {"fc": mixed(INK, 0.85), "ec": INK, "zorder": 2},
+    "zone": AREA_LOOK,
+    "rules of driving": {"fc": "none", "ec": WRONG, "lw": 0.8, "ls": ":"},
+    "door, automatic": {"fc": mixed(FIXTURE, 0.7), "ec": FIXTURE, "ls": ":"},
+    "door, open": {"fc": "none", "ec": FIXTURE, "ls": "--"},
+    "door, closed": {"fc": FIXTURE, "ec": INK},
+    "load": {"fc": mixed(FIXTURE, 0.6), "ec": FIXTURE, "zorder": 1.5},
+    "robot that does not fit there": {"fc": "none", "ec": WRONG, "lw": 1.6, "ls": "--"},
+}
+"""What is drawn, by kind; others have a look of their own."""
 
 
 def draw_fleet(records: FleetRecords, folder: Path, findings: Iterable[Finding] = ()) -> Axes:
     """Draw what ``records`` say; what errors and warnings are about is red. Returns the axes."""
     records = spelled_out(records)
-    maps = [
-        {"yaml": str(folder / map_of(records, floor)), "height": height_of(records, floor)}
-        for floor in (GROUND, *records.floors)
-    ]
+    heights = {floor: height_of(records, floor) for floor in (GROUND, *records.floors)}
+    maps = [{"yaml": str(folder / map_of(records, f)), "height": h} for f, h in heights.items()]
     rules = [
         {
             "name": kind,
@@ -52,121 +60,78 @@ def draw_fleet(records: FleetRecords, folder: Path, findings: Iterable[Finding] 
     ]
     site = {"map": maps[0], "maps": maps, "objects": rules, "motions": [], "changes": []}
     backdrop = ground_of(site)
-    records = _laid_out(records, backdrop.shifts)
     if records.floors:  # by their names here, in the order of their heights
-        names = sorted((GROUND, *records.floors), key=lambda floor: height_of(records, floor))
-        named = zip(backdrop.floors, names, strict=False)
+        named = zip(backdrop.floors, sorted(heights, key=heights.__getitem__), strict=False)
         floors = tuple(dataclasses.replace(floor, name=name) for floor, name in named)
         backdrop = dataclasses.replace(backdrop, floors=floors)
     panels = map_panels(backdrop, None, f"{records.name}: {in_numbers(records)}")
     serious = [f for f in findings if f.level is not Level.NOTE]
     bad = {f.subject for f in serious}
     tight = dict.fromkeys((f.type, f.subject) for f in serious if f.type is not None)
-    _draw_legend(panels, records, bad, bool(tight))
+    shapes = [*_fixtures(records), *_places(records, bad)]
+    for kind, place in tight:
+        there = placed(records.robot_types[kind].footprint, records.places[place].pose)
+        floor = records.places[place].floor
+        shapes.append((floor, "robot that does not fit there", "", there, {"zorder": 5}))
+    labels = []
+    for floor, kind, name, corners, own in shapes:
+        shift = backdrop.shifts.get(heights[floor], Frame())
+        outline, look = shift.points(corners), {**LOOKS.get(kind, {}), **own}
+        for ax in panels:
+            ax.add_patch(Polygon(outline, **look))
+        if name:
+            labels.append(label_of(name, outline, look["ec"]))
+    kinds = {kind for _, kind, *_ in shapes}
+    keys: list[tuple[object, Artist]] = [
+        (kind in kinds, Patch(**look, label=kind)) for kind, look in LOOKS.items()
+    ]
+    legend_below(panels, [*keys, (bad, Patch(fc=WRONG, label="wrong: see the list"))])
     for ax in panels:
-        labels = [*_draw_fixtures(ax, records), *_draw_places(ax, records, bad)]
-        for kind, place in tight:
-            shape = placed(records.robot_types[kind].footprint, records.places[place].pose)
-            ax.add_patch(Polygon(shape, fc="none", ec=WRONG, lw=1.6, ls="--", zorder=5))
-        place_labels(ax, labels, avoid=[])
+        place_labels(ax, labels)
     return panels[0]
 
 
-_DRAWN = {
-    "places": ("pose",),
-    "doors": ("closed", "open", "second"),
-    "zones": ("polygon",),
-    "automatic_doors": ("polygon",),
-    "lanes": ("points",),
-}
-"""What of records says where they are: poses and points, or several of them."""
-
-
-def _laid_out(records: FleetRecords, shifts: Mapping[float, Frame]) -> FleetRecords:
-    """Return the records with everything where it is drawn: floors lie side by side."""
-
-    def moved(value: Any, shift: Frame) -> Any:
-        if value is None or isinstance(value[0], tuple):
-            return value and tuple(moved(one, shift) for one in value)
-        return (value[0] + shift.x, value[1] + shift.y, *value[2:])
-
-    changed: dict[str, Any] = {kind: {} for kind in _DRAWN}
-    for kind, keys in _DRAWN.items():
-        for name, one in getattr(records, kind).items():
-            shift = shifts.get(height_of(records, one.floor), Frame())
-            told = {key: moved(getattr(one, key), shift) for key in keys}
-            changed[kind][name] = dataclasses.replace(one, **told)
-    return dataclasses.replace(records, **changed)
-
-
-def _draw_fixtures(ax: Axes, records: FleetRecords) -> list[PlacedLabel]:
-    """Draw zones, doors and loads; return what they are called."""
-    labels: list[PlacedLabel] = []
+def _fixtures(records: FleetRecords) -> Iterator[Shape]:
+    """Yield zones, lanes, doors and loads."""
     for name, zone in records.zones.items():
-        here = np.asarray(zone.polygon, dtype=np.float64)
-        if not zone.has_rules:
-            draw_area(ax, here)
-        x, y = (float(v) for v in here.mean(axis=0))
         asked = told(zone_entry(zone_of(zone))) if zone.has_rules else ""
-        text = f"{name}: {asked}" if asked else name
-        labels.append(PlacedLabel(text, x, y, WRONG, False, (0.3, 0.3)))
+        kind = "rules of driving" if zone.has_rules else "zone"
+        yield zone.floor, kind, f"{name}: {asked}" if asked else name, np.array(zone.polygon), {}
     for name, lane in records.lanes.items():
-        labels.append(PlacedLabel(name, *lane.points[0], FIXTURE, False, (0.3, 0.3)))
+        yield lane.floor, "lane", name, np.array(lane.points[:1]), {"ec": FIXTURE}
     for name, doorway in records.automatic_doors.items():
-        here = np.asarray(doorway.polygon, dtype=np.float64)
-        ax.add_patch(Polygon(here, fc=mixed(FIXTURE, 0.7), ec=FIXTURE, ls=":"))
-        x, y = (float(v) for v in here.mean(axis=0))
-        labels.append(PlacedLabel(name, x, y, FIXTURE, False, (0.3, 0.3)))
+        yield doorway.floor, "door, automatic", name, np.array(doorway.polygon), {}
     for name, door in records.doors.items():
-        for ends in door.leaves:
-            leaf, opened = placed(door.leaf, ends[0]), placed(door.leaf, ends[1])
-            ax.add_patch(Polygon(opened, fc="none", ec=FIXTURE, ls="--"))
-            ax.add_patch(Polygon(leaf, fc=FIXTURE, ec=INK))
-        labels.append(label_of(name, placed(door.leaf, door.closed), FIXTURE))
+        for closed, opened in door.leaves:
+            yield door.floor, "door, open", "", placed(door.leaf, opened), {}
+            called = name if closed == door.closed else ""
+            yield door.floor, "door, closed", called, placed(door.leaf, closed), {}
     for order, attached in loads_of(records):
-        at = load_pose(attached, records.places[order.pickup.at[0]].pose)
-        load = placed(attached.footprint, at)
-        ax.add_patch(Polygon(load, fc=mixed(FIXTURE, 0.6), ec=FIXTURE, zorder=1.5))
-    return labels
+        place = records.places[order.pickup.at[0]]
+        at = load_pose(attached, place.pose)
+        yield place.floor, "load", "", placed(attached.footprint, at), {}
 
 
-def _draw_places(ax: Axes, records: FleetRecords, bad: set[str]) -> list[PlacedLabel]:
-    """Draw places, with the robots that start there; return what they are called."""
-    labels: list[PlacedLabel] = []
+def _places(records: FleetRecords, bad: set[str]) -> Iterator[Shape]:
+    """Yield places, each with a stroke ahead, and the robots that start there."""
     starts = {r.start: name for name, r in records.robots.items()}
-    order = list(records.robots)
-    shape = _usual(records)
+    order, usual = list(records.robots), _usual(records)
     for name, place in records.places.items():
-        color = WRONG if name in bad else INK
-        robot = starts.get(name)
-        if robot is not None:
-            shape_here = records.robot_types[records.robots[robot].type].footprint
-            outline = placed(shape_here, place.pose)
-            fill = color_of(order.index(robot))
-            ax.add_patch(Polygon(outline, fc=WRONG if name in bad else fill, ec=INK, zorder=3))
+        robot, color = starts.get(name), WRONG if name in bad else INK
+        if robot is None:
+            kind, text, outline = "place", name, placed(usual, place.pose)
+            look: dict[str, Any] = {"fc": mixed(color, 0.85), "ec": color}
         else:
-            outline = placed(shape, place.pose)
-            ax.add_patch(Polygon(outline, fc=mixed(color, 0.85), ec=color, lw=1.0, zorder=2))
+            footprint = records.kind_of(robot).footprint
+            kind, text, outline = "robot", f"{robot} at {name}", placed(footprint, place.pose)
+            fill = WRONG if name in bad else color_of(order.index(robot))
+            look = {"fc": fill, "ec": color, "zorder": 3}
+        yield place.floor, kind, text, outline, look
         x, y, theta = place.pose
         reach = float(np.abs(outline - (x, y)).max())
-        tip = (x + reach * math.cos(theta), y + reach * math.sin(theta))
-        ax.plot([x, tip[0]], [y, tip[1]], color=color, lw=1.2, zorder=4)
-        text = name if robot is None else f"{robot} at {name}"
-        labels.append(label_of(text, outline, color))
-    return labels
-
-
-def _draw_legend(panels: list[Axes], records: FleetRecords, bad: set[str], tight: bool) -> None:
-    doorway, load = mixed(FIXTURE, 0.7), mixed(FIXTURE, 0.6)
-    keys = [
-        (True, Patch(fc=mixed(INK, 0.85), ec=INK, label="place")),
-        (records.automatic_doors, Patch(fc=doorway, ec=FIXTURE, ls=":", label="door, automatic")),
-        (records.doors, Patch(fc=FIXTURE, label="door, closed")),
-        (loads_of(records), Patch(fc=load, ec=FIXTURE, label="load")),
-        (bad, Patch(fc=WRONG, label="wrong: see the list")),
-        (tight, Patch(fc="none", ec=WRONG, ls="--", label="robot that does not fit there")),
-    ]
-    legend_below(panels, keys)
+        ahead = np.array([(x, y), (x + reach * math.cos(theta), y + reach * math.sin(theta))])
+        stroke = {"closed": False, "fill": False, "ec": color, "lw": 1.2, "zorder": 4}
+        yield place.floor, "stroke", "", ahead, stroke
 
 
 def _usual(records: FleetRecords) -> Outline:

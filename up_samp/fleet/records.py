@@ -579,15 +579,12 @@ def _objective(value: Any) -> Any:
     )
 
 
-Term = Literal[
-    "makespan", "tardiness", "completion", "driving", "distance", "energy", "robots", "cost",
-    "busiest",
-]  # fmt: skip
+_Term: Any = Literal.__getitem__(tuple(Weights.__dataclass_fields__))
 AnyObjective = Annotated[
     Literal["makespan", "none"] | Weights | tuple[Weights, ...],
     BeforeValidator(
         _objective,
-        json_schema_input_type=Literal["makespan", "none"] | Weights | list[Term | Weights],
+        json_schema_input_type=Literal["makespan", "none"] | Weights | list[_Term | Weights],
     ),
 ]
 """What is best: of a list, the first is minimised, then the next among plans as good in that."""
@@ -645,6 +642,10 @@ class FleetRecords:
         """
         told = self.objective
         return told if isinstance(told, tuple) else (told,) if isinstance(told, Weights) else ()
+
+    def kind_of(self, robot: str) -> RobotType:
+        """Return the type of a robot."""
+        return self.robot_types[self.robots[robot].type]
 
     def senses(self, robot: str) -> dict[str, float]:
         """Return how wrong (``localisation``, m) and how late (``latency``, s) a robot may be, as
@@ -728,7 +729,7 @@ def able(records: FleetRecords, job: Order | Task) -> list[str]:
 
 def can_do(records: FleetRecords, robot: str, job: Order | Task) -> bool:
     """Return whether a robot may do a job, and can carry what it is about."""
-    kind = records.robot_types[records.robots[robot].type]
+    kind = records.kind_of(robot)
     return _may_do(records, robot, job) and (isinstance(job, Task) or carries(kind, job.load))
 
 

@@ -35,7 +35,7 @@ from unified_planning.shortcuts import (
     UserType,
 )
 
-from up_samp.fleet.batteries import above_reserve, battery_of, first_level, usable
+from up_samp.fleet.batteries import above_reserve, first_level, level_fluent, usable
 from up_samp.fleet.faults import Fault, FleetError
 from up_samp.fleet.fields import Outline, Pose, corners_of
 from up_samp.fleet.floors import FloorMaps, floor_of, height_of, map_of, spots_of, way_between
@@ -51,6 +51,7 @@ from up_samp.fleet.loads import (
     ridden,
     with_load,
 )
+from up_samp.fleet.meanings import Meaning
 from up_samp.fleet.outlines import (
     area_of,
     convex_hull,
@@ -61,9 +62,8 @@ from up_samp.fleet.outlines import (
     rules_for,
     swept,
 )
-from up_samp.fleet.records import GROUND, Attached, FleetRecords, RobotType
+from up_samp.fleet.records import GROUND, Attached, FleetRecords
 from up_samp.fleet.spelled_out import stop_of
-from up_samp.fleet.statements import Meaning
 from up_samp.io.plan_dict import AREA
 from up_samp.model import Placed
 
@@ -178,10 +178,6 @@ class Site:
         self._doors()
         self._zones()
 
-    def kind_of(self, robot: str) -> RobotType:
-        """Return the type of a robot."""
-        return self.records.robot_types[self.records.robots[robot].type]
-
     def fresh(self, name: str, meaning: Meaning) -> str:
         """Return a name for an activity: ``name``, or one with a number that no other has. Names
         of robots and places may hold underscores, and so two activities may want the same. What
@@ -234,7 +230,7 @@ class Site:
         types = {name: MovableType(name) for name in self.records.robot_types}
         along = any(load.carriers for _, load in loads_of(self.records))
         for name, robot in self.records.robots.items():
-            kind = self.kind_of(name)
+            kind = self.records.kind_of(name)
             self.robots[name] = movable(
                 name, types[robot.type], kind, rules_for(self.records, robot.type), along=along
             )
@@ -242,7 +238,7 @@ class Site:
             self.problem.set_initial_configuration(self.robots[name], self.places[robot.start])
             self._at_first(name, self.spots[robot.start])
             if kind.battery is not None:
-                level = Fluent(battery_of(name), IntType(0, usable(kind.battery)))
+                level = Fluent(level_fluent(name), IntType(0, usable(kind.battery)))
                 at_first = above_reserve(kind.battery, first_level(self.records, name))
                 self.problem.add_fluent(level, default_initial_value=at_first)
                 self.batteries[name] = level()

@@ -17,6 +17,7 @@ from shapely.geometry import Polygon
 from up_samp.fleet.faults import Fault, FleetError, earlier_than
 from up_samp.fleet.floors import floor_of, legs_between, lift_between
 from up_samp.fleet.loads import MARK, follows, load_of, options_of, place_of, ridden, with_load
+from up_samp.fleet.meanings import Kind
 from up_samp.fleet.outlines import placed
 from up_samp.fleet.records import (
     AutomaticDoor,
@@ -27,7 +28,6 @@ from up_samp.fleet.records import (
     needs_robot,
     seats_of,
 )
-from up_samp.fleet.statements import Kind
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class Successions:
     def __init__(self, records: FleetRecords, robot: str) -> None:
         self._records = records
         self._skills = set(records.robots[robot].skills)
-        kind = records.robot_types[records.robots[robot].type]
+        kind = records.kind_of(robot)
         self._orders = records.order_of
         self._after = {j.id: set(earlier_than(records, j)) for j in records.jobs}
         self._capacity = kind.capacity

@@ -10,14 +10,14 @@ from unified_planning.shortcuts import GE, LE, And, Equals, Or
 
 from up_samp.fleet.batteries import pieces_of, usable
 from up_samp.fleet.fields import Windows
-from up_samp.fleet.records import Break, Stop, Task, seats_of
-from up_samp.fleet.site import Site
-from up_samp.fleet.statements import (
+from up_samp.fleet.meanings import (
     Kind,
     Meaning,
     ends_before,
     only_with,
 )
+from up_samp.fleet.records import Break, Stop, Task, seats_of
+from up_samp.fleet.site import Site
 from up_samp.fleet.visits import ENDS, WORK, Visit, visits_of
 from up_samp.upio.expressions import at_start, present, whole
 
@@ -144,7 +144,7 @@ class Work:
         one in which the battery is swapped.
         """
         site, problem = self._site, self._site.problem
-        battery = site.kind_of(visit.robot).battery
+        battery = site.records.kind_of(visit.robot).battery
         charger = self._records.places[visit.what].charger
         assert battery is not None
         assert charger is not None

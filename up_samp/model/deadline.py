@@ -177,6 +177,10 @@ class Deadline:
         begin = now if self.work is None else self.work.spent
         return Deadline(min(self.at, begin + seconds), now, self.work)
 
+    def share(self, share: float, most: float = math.inf) -> Deadline:
+        """Return the deadline of a part: a share of what is left, at most so many seconds."""
+        return self.within(min(most, share * self.remaining()))
+
 
 _in_force: ContextVar[Deadline | None] = ContextVar("deadline in force", default=None)
 

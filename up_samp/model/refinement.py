@@ -1,7 +1,8 @@
 """What the scheduler is told after a motion check, as plain values.
 
 A refinement is a statement about activities, which schedules satisfy (``holds``) or not.
-``upio.write`` puts it into a UP problem. ``activities`` are those that a statement speaks of.
+``upio.write_refinements`` puts it into a UP problem. ``activities`` are those that a statement
+speaks of.
 """
 
 from __future__ import annotations

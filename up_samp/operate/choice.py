@@ -19,9 +19,9 @@ from shapely.geometry import Polygon
 
 from up_samp.execution.executor import Executor
 from up_samp.execution.state import TaskPhase
+from up_samp.fleet.meanings import Kind, Meaning
 from up_samp.fleet.outlines import placed
 from up_samp.fleet.records import FleetRecords, Order, Stop, Task, can_do, visited
-from up_samp.fleet.statements import Kind, Meaning
 from up_samp.model import ProblemError
 from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import DELIVERS, Cut, Cutter, Opened, on_board
@@ -368,7 +368,7 @@ def _handling(day: Day, job: DayOrder, robot: str) -> float:
     record = job.record
     if not isinstance(record, Order):
         return record.duration or 0.0
-    speed = day.site.robot_types[day.site.robots[robot].type].v_max
+    speed = day.site.kind_of(robot).v_max
     ends = ([day.site.places[p].pose[:2] for p in s.at] for s in (record.pickup, record.delivery))
     way = min(itertools.starmap(math.dist, itertools.product(*ends)))
     return record.pickup.service + way / speed + record.delivery.service
@@ -394,7 +394,7 @@ def _can_stop(day: Day, stop: Stop | Task) -> bool:
     away = (body_at(day.site, r, day.poses[r]) for r in day.away)
     taken = [*zip(away, itertools.repeat(day.site.margin))]
     taken += [(Polygon(shape), 0.0) for shape in day.areas.values()]
-    kinds = {day.site.robots[r].type: r for r in day.site.robots} if taken else {}
+    kinds = {robot.type: r for r, robot in day.site.robots.items()}
     poses = [day.site.places[place].pose for place in stop.at]
     bodies = (body_at(day.site, r, pose) for r in kinds.values() for pose in poses)
     return not taken or any(
@@ -404,7 +404,7 @@ def _can_stop(day: Day, stop: Stop | Task) -> bool:
 
 def body_at(site: FleetRecords, robot: str, pose: Pose) -> Polygon:
     """Return where a robot's body is at a pose."""
-    return Polygon(placed(site.robot_types[site.robots[robot].type].footprint, pose))
+    return Polygon(placed(site.kind_of(robot).footprint, pose))
 
 
 def check_stand(site: FleetRecords, robot: str, pose: Pose, others: Mapping[str, Pose]) -> None:
@@ -425,7 +425,7 @@ def check_stand(site: FleetRecords, robot: str, pose: Pose, others: Mapping[str,
 def _there(day: Day, job: DayOrder, robot: str, when: float, pose: Pose) -> float:
     """Return when a robot could be at an order's pickup, on straight lines."""
     first, *_ = visited(job.record)
-    speed = day.site.robot_types[day.site.robots[robot].type].v_max
+    speed = day.site.kind_of(robot).v_max
     spots = (day.site.places[p].pose for p in first.at)
     return when + min(math.dist(pose[:2], spot[:2]) for spot in spots) / speed
 

@@ -33,7 +33,7 @@ from up_samp.operate.store import Store
 from up_samp.operate.upkeep import BREAK, CHARGE
 from up_samp.plotting.background import ground_of
 from up_samp.plotting.map_picture import map_panels
-from up_samp.plotting.style import figure_axes, saved
+from up_samp.plotting.style import figure_axes, save_figure
 
 NOTICED = 5.0
 """Seconds after which somebody has seen that a robot has broken down."""
@@ -182,7 +182,7 @@ def _without_jobs(fleet: Fleet, hours: float) -> Fleet:
         return rest.window[0] < 3600.0 * hours
 
     empty = Fleet.__new__(Fleet)
-    empty._folder = fleet.folder
+    empty.folder = fleet.folder
     robots = {
         name: replace(robot, breaks=tuple(filter(soon, robot.breaks)))
         for name, robot in fleet.records.robots.items()
@@ -294,7 +294,7 @@ def draw_gantt(result: DayResult, file: Path) -> Path:
     ax.set_xlabel("min since the day's start")
     ax.set_title("who drove (blue) and handled orders (orange) when")
     ax.legend(loc="upper right", frameon=False, fontsize=8)
-    return saved(ax, file)
+    return save_figure(ax, file)
 
 
 def draw_orders(result: DayResult, file: Path) -> Path:
@@ -313,7 +313,7 @@ def draw_orders(result: DayResult, file: Path) -> Path:
     late.set_ylabel("s late", color="#c44e52")
     late.set_ylim(-0.5, max(10.0, *(1.05 * j.tardiness for j in done)) if done else 10.0)
     ax.set_title("orders")
-    return saved(ax, file)
+    return save_figure(ax, file)
 
 
 def draw_waiting(result: DayResult, file: Path) -> Path:
@@ -330,7 +330,7 @@ def draw_waiting(result: DayResult, file: Path) -> Path:
     for ax in panels:
         picture = ax.pcolormesh(*bins, shown, cmap="YlOrRd", alpha=0.8)
     panels[0].figure.colorbar(picture, ax=panels, label="min waited")
-    return saved(panels[0], file)
+    return save_figure(panels[0], file)
 
 
 def write_report(result: DayResult, folder: Path) -> list[Path]:

@@ -26,7 +26,7 @@ from up_samp.execution.graph import At, Event
 from up_samp.execution.meetings import moving
 from up_samp.execution.state import Forecast, TaskPhase
 from up_samp.execution.tolerances import TOLERANCES
-from up_samp.fleet.statements import Kind, Meaning
+from up_samp.fleet.meanings import Kind, Meaning
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model.arrays import FloatArray
 from up_samp.model.graphs import reached

@@ -18,9 +18,9 @@ from unified_planning.shortcuts import MovableType
 from up_samp.execution.floor import Drive, Handled
 from up_samp.execution.judge import Contact, contacts_of
 from up_samp.fleet.fields import corners_of
+from up_samp.fleet.meanings import Kind
 from up_samp.fleet.outlines import movable, rules_for
 from up_samp.fleet.records import FleetRecords, Order, visited
-from up_samp.fleet.statements import Kind
 from up_samp.model.graphs import grouped
 from up_samp.operate.records import DayOrder, OrderState, Pose, nothing_planned
 from up_samp.validation.collisions import JudgedShape, placed
@@ -110,7 +110,7 @@ def crowded(
         shapely.prepare(area)
         changes: list[tuple[float, int, str]] = []
         for robot, pose in initial.items():
-            corners = corners_of(site.robot_types[site.robots[robot].type].footprint)
+            corners = corners_of(site.kind_of(robot).footprint)
             rows = np.vstack([[0.0, *pose], *(d.rows for d in drives if d.robot == robot)])
             bodies = shapely.polygons(placed(np.array(corners), rows[:, 1:]))
             here = np.asarray(shapely.intersects(area, bodies))
@@ -153,7 +153,7 @@ def _uses(
             key = "resource", name, site.resources[name].capacity
             yield key, (h.start, 1), (h.end, -1)
         if isinstance(record, Order) and picked:
-            room = site.robot_types[site.robots[h.robot].type].capacity
+            room = site.kind_of(h.robot).capacity
             later = (o.start for o in handled if o.what == h.what and o.start > h.start)
             until = max(h.end, min(later, default=math.inf))
             for load, count in record.load.items():

@@ -48,10 +48,10 @@ from up_samp.operate.records import (
     Robots,
     Settings,
     Shape,
+    job_record,
     nothing_planned,
     since_now,
 )
-from up_samp.operate.records import job_record as record_of
 from up_samp.operate.stitch import Question, follow_on, goals_of, kept_of
 from up_samp.operate.store import Store
 
@@ -174,7 +174,7 @@ class Operation(Day):
         :raises ProblemError: where it has begun, or is done.
         """
         if isinstance(record, Mapping):
-            record = record_of(record)
+            record = job_record(record)
         check_job(record)
         self._note_begun()
         check_fits(self.site, record)

@@ -20,6 +20,7 @@ from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import is_same_place
 from up_samp.fleet.faults import FleetError, job_faults
 from up_samp.fleet.fields import corners_of
+from up_samp.fleet.meanings import Written
 from up_samp.fleet.outlines import placed
 from up_samp.fleet.records import (
     Door,
@@ -35,7 +36,6 @@ from up_samp.fleet.records import (
     visited,
 )
 from up_samp.fleet.spelled_out import without_repeats
-from up_samp.fleet.statements import Written
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError, UnsupportedError
 from up_samp.model.deadline import computing_time

@@ -122,7 +122,7 @@ def nothing_planned(site: FleetRecords, poses: Mapping[str, Pose]) -> PlanDict:
     """Return a plan in which robots stand at their poses, and nobody does anything."""
     objects = []
     for name, pose in poses.items():
-        kind = site.robot_types[site.robots[name].type]
+        kind = site.kind_of(name)
         objects.append({
             "name": name, "type": site.robots[name].type, "footprint": corners_of(kind.footprint),
             "model": {"car": "REEDSSHEPP", "diff": "PIVOT", "omni": "SE2"}[kind.model],

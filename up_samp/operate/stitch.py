@@ -27,15 +27,14 @@ from up_samp.execution.meetings import Key, Meeting, meetings_of
 from up_samp.execution.reorder import Goal, propose, settle
 from up_samp.execution.state import Forecast, MotionUnderWay, TaskPhase
 from up_samp.execution.tolerances import TOLERANCES
+from up_samp.fleet.meanings import Meaning
 from up_samp.fleet.records import FleetRecords, Order, Task, visited
-from up_samp.fleet.statements import Meaning
 from up_samp.io.plan_dict import PlanDict, with_minor
 from up_samp.model import ProblemError
 from up_samp.motion.fleet.paths import ROUNDED
 from up_samp.operate.horizon import DELIVERS, Cut, driven_before, meanings_of
 from up_samp.operate.records import Pose, Settings, Shape
 from up_samp.operate.zones import keep_zones
-from up_samp.tuning import Tuning
 
 BUSY = "busy."
 """Tasks of this prefix stand for what robots still do of the plan before."""
@@ -447,7 +446,7 @@ def ordered(
     """
 
     def under_way(told: Dependencies, gone: Mapping[str, float]) -> Executor:
-        executor = Executor(plan, dependencies=told, tuning=Tuning(horizon=1e6), ahead=ahead)
+        executor = Executor(plan, dependencies=told, ahead=ahead)
         here = {n: s for n, s in begun.items() if n in told.graph.tasks}
         ways = executor.state.ways_of
         executor.join(
@@ -458,7 +457,7 @@ def ordered(
         return executor
 
     executor = under_way(told, gone)
-    executor.goals, executor.lead = goals, lead
+    executor.goals, executor.lead, executor.horizon = goals, lead, math.inf
     if told.undecided:
         settle(executor)
     propose(executor)

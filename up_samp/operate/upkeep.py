@@ -12,10 +12,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from up_samp.execution.lives import DriveCells
-from up_samp.fleet.batteries import battery_of as level_of
-from up_samp.fleet.batteries import first_level, usable
+from up_samp.fleet.batteries import first_level, level_fluent, usable
+from up_samp.fleet.meanings import Meaning, Written
 from up_samp.fleet.records import Battery, Charger, FleetRecords, Robot, Task
-from up_samp.fleet.statements import Meaning, Written
 from up_samp.model import ProblemError
 from up_samp.operate.choice import Day
 
@@ -143,7 +142,7 @@ def state_charges(site: FleetRecords, written: Written) -> None:
     for activity in written.problem.activities:
         meaning = written.meanings[activity.name]
         if is_charge(meaning.what):
-            level = written.problem.fluent(level_of(meaning.robot))
+            level = written.problem.fluent(level_fluent(meaning.robot))
             full = usable(battery_of(site, meaning.robot))
             activity.add_effect(activity.end - 1, level(), full)
 

@@ -331,7 +331,7 @@ class MasterControl:
 
     def _check(self, name: str, sheet: Message) -> None:
         """Compare a factsheet with the robot's type in the site file."""
-        kind = self.site.robot_types[self.site.robots[name].type]
+        kind = self.site.kind_of(name)
         told = sheet.get("physicalParameters", {})
         for key, own in (("speedMax", kind.v_max), ("accelerationMax", kind.a_max)):
             if told.get(key, own) < own - 1e-9:
@@ -342,7 +342,7 @@ class MasterControl:
 
     def _sides(self, robot: str) -> tuple[float, float]:
         """Return a robot's length and width (m)."""
-        kind = self.site.robot_types[self.site.robots[robot].type]
+        kind = self.site.kind_of(robot)
         x, y = zip(*corners_of(kind.footprint), strict=True)
         return max(x) - min(x), max(y) - min(y)
 

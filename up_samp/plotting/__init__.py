@@ -54,15 +54,15 @@ def write_outputs(
     from up_samp.plotting.animation import write_html
     from up_samp.plotting.gantt import plot_gantt
     from up_samp.plotting.map_picture import plot_map
-    from up_samp.plotting.style import saved
+    from up_samp.plotting.style import save_figure
 
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     if plan_file:
         written.append(write_plan(folder / "plan.json", plan))
-    written.append(saved(plot_gantt(plan), folder / "gantt.png"))
+    written.append(save_figure(plot_gantt(plan), folder / "gantt.png"))
     if not plan["objects"]:
         return written
-    written.append(saved(plot_map(plan, places=places), folder / "map.png"))
+    written.append(save_figure(plot_map(plan, places=places), folder / "map.png"))
     written.append(write_html(plan, folder / "animation.html", places=places))
     return written

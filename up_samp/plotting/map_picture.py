@@ -48,6 +48,10 @@ from up_samp.plotting.style import (
 from up_samp.plotting.tracks import ObjectTrack, TrackPiece, flat, stops_of, tracks_of
 
 _Pose = tuple[float, float, float]
+AREA_LOOK: dict[str, Any] = {
+    "fc": AREA_FILL, "ec": WRONG, "lw": 0.8, "ls": ":", "alpha": 0.6, "zorder": 1.0
+}  # fmt: skip
+"""Of a zone, and of what a door sweeps: below all else."""
 
 
 def plot_map(
@@ -276,16 +280,11 @@ def _draw_direction(ax: Axes, leg: TrackPiece, color: str) -> None:
     )  # fmt: skip
 
 
-def draw_area(ax: Axes, outline: FloatArray) -> None:
-    """Draw a zone, or what a door sweeps, below all else."""
-    ax.add_patch(Polygon(outline, fc=AREA_FILL, ec=WRONG, lw=0.8, ls=":", alpha=0.6, zorder=1.0))
-
-
 def _draw_still(ax: Axes, track: ObjectTrack, initial: _Pose) -> list[PlacedLabel]:
     """Draw an object that nobody drives: solid where it starts, outlined where it is put."""
     here = track.outline(initial)
     if track.area:
-        draw_area(ax, here)
+        ax.add_patch(Polygon(here, **AREA_LOOK))
         return []
     ax.add_patch(Polygon(here, fc=FIXTURE, ec=INK, lw=0.8, zorder=2.6))
     labels = [label_of(track.name, here, FIXTURE, bold=True)]

@@ -82,7 +82,7 @@ def figure_axes(width: float, height: float) -> Axes:
     return Figure(figsize=(width, height), layout="constrained", dpi=130).add_subplot()
 
 
-def saved(ax: Axes, path: Path) -> Path:
+def save_figure(ax: Axes, path: Path) -> Path:
     """Write the figure of some axes to a file, by its ending (PNG without one); return the file."""
     path = path if path.suffix else path.with_suffix(".png")
     figure = ax.get_figure(root=True)

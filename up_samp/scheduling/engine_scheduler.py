@@ -46,7 +46,7 @@ from up_samp.scheduling.compilers.optional import (
     compile_optional,
 )
 from up_samp.scheduling.compilers.plain import Compiled, PlainProblem, some_value
-from up_samp.scheduling.compilers.translate import read_problem
+from up_samp.scheduling.compilers.translate import read_plain
 from up_samp.scheduling.process import OverrunError, WorkerProcess
 from up_samp.scheduling.quirks import Quirks, quirks_of
 from up_samp.scheduling.worker import WorkerAnswer, WorkerTask
@@ -179,7 +179,7 @@ class EngineScheduler:
         started, problem = time.monotonic(), part or self._problem
         runner = self._engine if optimal else _satisficing(self._engine)
         try:
-            original = read_problem(problem)
+            original = read_plain(problem)
             compiled = chain(original, compilers_for(self._quirks))
         except UnsupportedError as error:
             raise UnsupportedError(f"engine {self.name}: {error}") from error

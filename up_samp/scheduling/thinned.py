@@ -42,7 +42,7 @@ class ThinnedScheduler(CpsatSession):
         relaxation: Relaxation,
         *,
         seed: int = 0,
-        tuning: Tuning | None = None,
+        tuning: Tuning = Tuning(),
     ) -> None:
         super().__init__(relaxation.problem, seed=seed, tuning=tuning)
         self.engine, self.relaxation = engine, relaxation
@@ -56,7 +56,7 @@ class ThinnedScheduler(CpsatSession):
 
         ``optimal``: the hint is the best plan's; a draw that ends no sooner is not handed over.
         """
-        drawing = deadline.within(_DRAWING * deadline.remaining())
+        drawing = deadline.share(_DRAWING)
         try:
             drawn = super().solve(drawing, optimal=optimal, **others)
         except UnsupportedError:  # the engine may do what ours does not

@@ -22,14 +22,24 @@ PARTS = {
     "plans by an easier objective": (0.4, math.inf),
     "motions one at a time": (0.25, math.inf),
     "bounds of large problems": (0.1, math.inf),
+    "a group of motions": (0.2, math.inf),
+    "a schedule": (0.4, math.inf),
+    "a proof while patience lasts": (0.75, math.inf),
+    "candidates of many motions": (0.6, math.inf),
+    "tours of a large problem": (0.6, math.inf),
+    "one assignment": (0.6, math.inf),
+    "who does which job": (0.3, math.inf),
     "patience": (0.25, 15.0),
 }
-"""What one part of a search may take of the time that is left: a share, and s at most. Patience
+"""What one part of a search may take of the time that is left: a share, and s at most.
+
+*Motions*: a late answer for a group can still be repaired. *Schedules*: they get better with time,
+but their motions have to be checked, too; :class:`SchedulerPace` tells how that goes on. *Large
+problems*: tours get so much for a first plan, then the usual search has its turn, and again for
+better ones; of the first, one assignment gets so much, and who does which job in it. *Patience*
 lasts as much of the whole time limit at least: that is there to be used, and what finds the best
-plans of small fleets begins late. The scheduler's time is shared out by :class:`SchedulerPace`.
+plans of small fleets begins late.
 """
-_GROUP_SHARE = 0.2
-"""Of the time that is left, for one group of motions: a late answer can still be repaired."""
 _LONGEST_QUERY = 3600.0
 """s: limit of one motion query, however often it was doubled."""
 _PATIENCE = 1.0
@@ -86,13 +96,9 @@ class Budget:
         """Give back the time that patience left: for what is done in the end."""
         self.deadline, self._whole = self.whole, None
 
-    def share(self, share: float, most: float) -> Deadline:
-        """Return the deadline of a part: a share of what is left, at most so many seconds."""
-        return self.deadline.within(min(most, share * self.deadline.remaining()))
-
     def part(self, name: str) -> Deadline:
         """Return the deadline of one of the ``PARTS``."""
-        return self.share(*PARTS[name])
+        return self.deadline.share(*PARTS[name])
 
     def query(self) -> Deadline:
         """Return the deadline of one motion query."""
@@ -100,7 +106,7 @@ class Budget:
 
     def group(self, count: int) -> Deadline:
         """Return the deadline of one query for ``count`` motions together."""
-        return self.share(_GROUP_SHARE, self.query_seconds * max(1, count) ** 0.5)
+        return self.part("a group of motions").within(self.query_seconds * max(1, count) ** 0.5)
 
     def double_queries(self) -> None:
         """Allow motion queries twice the time (line 19)."""
@@ -138,33 +144,30 @@ class SchedulerPace:
     staged: bool
     proof_seconds: float = 15.0
     """Limit (s) of the next attempt at a proof."""
-    share: float = 0.4
-    """Share for the next schedule: schedules get better with time, but their motions have to be
-    checked, too. All of the time once a share was not enough for any.
-    """
+    share: tuple[float, float] = PARTS["a schedule"]
+    """For the next schedule: all of the time once a part of it was not enough for any."""
 
     def deadline(self, budget: Budget, *, planned: bool, proving: bool) -> Deadline:
         """Return by when the scheduler has to answer; ``planned``: there is a plan already."""
         if not self.staged or (planned and not proving):
             return budget.deadline
-        if proving and budget.hurried:
-            # the rest is for the motions of what it finds
-            return budget.share(0.75, self.proof_seconds)
-        if proving:
-            return budget.deadline.within(self.proof_seconds)
-        return budget.deadline.within(self.share * budget.deadline.remaining())
+        if proving:  # where patience may end it, the rest is for the motions of what it finds
+            name = "a proof while patience lasts"
+            whole = budget.part(name) if budget.hurried else budget.deadline
+            return whole.within(self.proof_seconds)
+        return budget.deadline.share(*self.share)
 
     def more(self, *, planned: bool) -> bool:
         """Give the scheduler more time after an answer that came too late: twice as much for
         proofs, all of it for the first schedule. Return whether it gets any.
         """
-        if not self.staged or (not planned and self.share >= 1):
+        if not self.staged:
             return False
         if planned:
             self.proof_seconds *= 2
-        else:
-            self.share = 1.0
-        return True
+            return True
+        before, self.share = self.share, (1.0, math.inf)
+        return before != self.share
 
 
 # ------------------ Restarts without what was only guessed

@@ -30,7 +30,7 @@ STAGES = (READING, STATING, SCHEDULING, BUILDING, CHECKING, REPAIRING, LEARNING,
 TOLD = {
     READING: "reading the problem",
     STATING: "what holds before the first schedule",
-    BUILDING: "sharing out the work",
+    BUILDING: "assigning the work",
     CHECKING: "motions",
     REPAIRING: "motions of schedules that were mended",
 }

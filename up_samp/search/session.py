@@ -80,7 +80,7 @@ def _heeded(snapshot: Snapshot, name: str) -> frozenset[str] | None:
 
 
 _TOUR_ROUNDS = 10
-"""A task, of annealing over tours of what was dealt out."""
+"""A task, of annealing over the tours of an assignment."""
 NEEDED = ("lower bounds on motions", "proofs of unreachability")
 """What is stated before a plan of a thinned problem is sought."""
 
@@ -119,8 +119,8 @@ def open_search(
 
 
 def _look_for_jobs(search: Search) -> None:
-    """Find the jobs that robots may share: of a large problem, for plans in parts; of others, for
-    a bound before the search, if robots drive in the midst of a job, and no plan is given to
+    """Find the jobs that robots may be assigned: of a large problem, for plans in parts; of others,
+    for a bound before the search, if robots drive in the midst of a job, and no plan is given to
     begin from. (Of single tasks the scheduler knows more.)
     """
     problem, snapshot = search.problem.source, search.problem.snapshot
@@ -129,7 +129,7 @@ def _look_for_jobs(search: Search) -> None:
         return
     large = sum(a.optional for a in problem.activities) >= search.tuning.large
     driving = any(mode.legs for mode in itertools.chain(*jobs.options))
-    # of a job shop's tasks most wait for what others do: who deals out knows too little of that
+    # of a job shop's tasks most wait for what others do: who assigns knows too little of that
     if large and (driving or 2 * len(earlier_jobs(problem, jobs)) <= len(jobs.options)):
         inner = partial(open_thin, search.problem, search.motions.service)
         in_parts = LargeProblem(problem, snapshot, jobs, inner, search.tuning, search.facts.choices)

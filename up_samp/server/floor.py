@@ -31,8 +31,8 @@ from starlette.concurrency import run_in_threadpool
 from up_samp.execution.reports import Command, Do, Go, Hold
 from up_samp.fleet.fields import Point, Pose, corners_of
 from up_samp.fleet.files import read_record
+from up_samp.fleet.meanings import Kind
 from up_samp.fleet.records import Zone
-from up_samp.fleet.statements import Kind
 from up_samp.model import ProblemError, SampError
 from up_samp.operate.choice import BACK, OUT
 from up_samp.operate.horizon import DELIVERS
@@ -396,7 +396,7 @@ def _robot(day: Operation, name: str) -> dict[str, Any]:
         "way": way,
         "held": day.held.get(name, ""),
         "away": day.away.get(name, ""),
-        "charges": day.site.robot_types[day.site.robots[name].type].battery is not None,
+        "charges": day.site.kind_of(name).battery is not None,
         "battery": None if (level := day.robots.levels.get(name)) is None else round(100 * level),
     }
 

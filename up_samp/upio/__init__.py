@@ -9,8 +9,8 @@ from up_samp.upio.plan import (
 )
 from up_samp.upio.read import read_problem
 from up_samp.upio.relaxation import ConfigurationChoice, Itinerary, Relaxation, read_itinerary
-from up_samp.upio.relaxing import relax
-from up_samp.upio.write import write_refinement
+from up_samp.upio.write_refinements import write_refinement
+from up_samp.upio.write_relaxation import relax
 
 __all__ = [
     "ConfigurationChoice",

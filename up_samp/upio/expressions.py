@@ -9,7 +9,16 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 from unified_planning.environment import Environment
-from unified_planning.model import Effect, FNode, Parameter, Timepoint, Timing, Type
+from unified_planning.model import (
+    Effect,
+    Fluent,
+    FNode,
+    Object,
+    Parameter,
+    Timepoint,
+    Timing,
+    Type,
+)
 from unified_planning.model.mixins.timed_conds_effs import TimedCondsEffs
 from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import Activity, SchedulingProblem
@@ -25,7 +34,7 @@ from unified_planning.model.timing import (
 )
 from unified_planning.model.walkers import ExpressionQuantifiersRemover
 
-from up_samp.model import UnsupportedError
+from up_samp.model import ProblemError, UnsupportedError
 
 _PLAIN: WeakKeyDictionary[Environment, set[int]] = WeakKeyDictionary()
 """Numbers of expressions that have no quantifier in them; environments keep all of theirs."""
@@ -227,6 +236,25 @@ def whole(activity: Activity, early: int = 0) -> TimeInterval:
     if early:
         return ClosedTimeInterval(Timing(0, activity.start), Timing(-early, activity.end))
     return LeftOpenTimeInterval(Timing(0, activity.start), Timing(0, activity.end))
+
+
+def told_by(activity: str, obstacle: Object, value: Any) -> FNode:
+    """Return the expression that tells where an obstacle is: what the problem gives, and a fluent
+    of one parameter that is the obstacle, of that obstacle.
+
+    :raises ProblemError: for a fluent of other parameters.
+    """
+    if not isinstance(value, Fluent):
+        return obstacle.environment.expression_manager.auto_promote(value)[0]
+    types = [p.type for p in value.signature]
+    if not types:
+        return value()
+    if len(types) == 1 and types[0].is_compatible(obstacle.type):
+        return value(obstacle)
+    raise ProblemError(
+        f"activity '{activity}': the fluent '{value.name}' of its obstacle '{obstacle.name}' has "
+        f"{len(types)} parameters; say which, as in {value.name}(...)"
+    )
 
 
 def with_parameter(activity: Activity, name: str, tpe: Type) -> Parameter:

@@ -28,6 +28,7 @@ from up_samp.model import (
 from up_samp.model.errors import short
 from up_samp.model.frames import PlacedMap
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
+from up_samp.upio.expressions import told_by
 from up_samp.upio.plan import trajectory_key
 from up_samp.upio.read_maps import (
     LIMITS,
@@ -38,7 +39,6 @@ from up_samp.upio.read_maps import (
     read_maps,
     read_movable,
 )
-from up_samp.upio.relaxing import told_by
 from up_samp.upio.rides import RideFloor, find_rides, laden_bodies
 
 

@@ -38,12 +38,11 @@ class BlockedMap:
     ``frame`` is where the frame of the file's own ``origin`` lies in the world.
     """
 
-    def __init__(self, file: str | Path, frame: Frame | None = None) -> None:
+    def __init__(self, file: str | Path, frame: Frame = Frame()) -> None:
         path = Path(file)
         data = _read_yaml(path)
         self.resolution = float(data["resolution"])
         origin = [float(v) for v in data.get("origin", [0, 0, 0])]
-        frame = frame or Frame()
         turned, here = (math.cos(frame.yaw), math.sin(frame.yaw)), origin[:2]
         self.x = frame.x + turned[0] * here[0] - turned[1] * here[1]
         self.y = frame.y + turned[1] * here[0] + turned[0] * here[1]

@@ -48,7 +48,7 @@ from up_samp.scheduling.compilers.plain import (
     start,
     subexpressions,
 )
-from up_samp.scheduling.compilers.translate import ProblemWriter, read_problem
+from up_samp.scheduling.compilers.translate import ProblemWriter, read_plain
 from up_samp.scheduling.engine_scheduler import EngineScheduler, restored
 from up_samp.validation import validate_schedule
 
@@ -197,7 +197,7 @@ def test_a_resource_with_too_many_sets_stays_only_where_durations_are_certain():
 
 
 def test_optional_activities_go_and_come_back():
-    plain = read_problem(problems.fetch_and_return())
+    plain = read_plain(problems.fetch_and_return())
     compiled = compile_optional(compile_differences(plain).problem)
     assert not compiled.problem.optional_names
     assert ProblemWriter(compiled.problem).up.kind.has_optional_activities() is False
@@ -209,7 +209,7 @@ def test_optional_activities_go_and_come_back():
 
 
 def test_precedences_leave_no_fluent():
-    plain = read_problem(problems.fetch_and_return())
+    plain = read_plain(problems.fetch_and_return())
     compiled = compile_precedences(compile_ground(plain).problem).problem
     assert (dict(compiled.fluents), compiled.conditions, compiled.effects) == ({}, (), ())
     assert not any(e[0] == "flu" for c in compiled.constraints for e in subexpressions(c))
@@ -237,13 +237,13 @@ def test_precedences_relate_fluents_and_refuse_what_is_assigned_and_counted():
 
 
 def test_types_below_types_become_constraints():
-    compiled = compile_flat_types(read_problem(problems.garages()))
+    compiled = compile_flat_types(read_plain(problems.garages()))
     assert set(compiled.problem.types) == {"Place"}
     assert texts(compiled) == ["eq(park.where, box)"]
 
 
 def test_names_travel_back():
-    written = ProblemWriter(read_problem(problems.garages()))
+    written = ProblemWriter(read_plain(problems.garages()))
     ((short, parameter),) = ((a.name, a.parameters[0].name) for a in written.up.activities)
     box = next(o.name for o in written.up.all_objects if o.type.name != "T0")
     assert max(map(len, (short, parameter, box))) < len("park.where")

@@ -28,7 +28,7 @@ from tests.oracles.brute_force_schedule import solve as brute_force
 from up_samp.model import Deadline, ScheduleStatus, UnsupportedError
 from up_samp.scheduling import known_engines
 from up_samp.scheduling.adapters import _engine_class, open_scheduler
-from up_samp.scheduling.compilers.translate import read_problem
+from up_samp.scheduling.compilers.translate import read_plain
 from up_samp.scheduling.engine_scheduler import chain, compilers_for
 from up_samp.scheduling.quirks import quirks_of
 from up_samp.validation import validate_schedule
@@ -208,7 +208,7 @@ def compare(engine, problems, seconds=20.0):
                     wrong[problem.name] = str(error)
                 solved.append(None)
                 continue
-            exact = chain(read_problem(problem), compilers_for(quirks)).exact
+            exact = chain(read_plain(problem), compilers_for(quirks)).exact
             why = _wrong(report, best, exact)
             if why is not None:
                 wrong[problem.name] = why

@@ -16,6 +16,6 @@ def along_the_axes(body, a, b):
     return length / limits.v_max + limits.v_max / limits.a_max + 2.0
 
 
-def dealt_out(jobs, snapshot, lasts=along_the_axes, seed=0, **tuning):
-    rehearsal = AssignmentEvaluator(TravelTimeModel(snapshot, lasts), jobs)
-    return assign(rehearsal, Deadline.never(), random.Random(seed), Tuning(**tuning))
+def assigned(jobs, snapshot, lasts=along_the_axes, seed=0, **tuning):
+    evaluator = AssignmentEvaluator(TravelTimeModel(snapshot, lasts), jobs)
+    return assign(evaluator, Deadline.never(), random.Random(seed), Tuning(**tuning))

@@ -19,10 +19,10 @@ from up_samp.validation import validate_plan
 def first_tours(size, seed=0):
     """Return the first tours of a warehouse, decided in rounds, and what makes plans of them."""
     problem = warehouse(*size, encoding="compact", seed=seed)
-    search, itinerary, build, dealt = opened(problem, seed)
+    search, itinerary, build, assignment = opened(problem, seed)
     found = plan_tours(search, itinerary, Deadline.never())
     assert found is not None
-    return problem, found, build, dealt
+    return problem, found, build, assignment
 
 
 @pytest.fixture(scope="module")
@@ -31,10 +31,10 @@ def toured():
     return first_tours((4, 8), seed=1)
 
 
-def search_of(found, dealt, *, stale=12, seed=0):
-    dealt = replace(dealt, tuning=Tuning(stale=stale))
+def search_of(found, assignment, *, stale=12, seed=0):
+    assignment = replace(assignment, tuning=Tuning(stale=stale))
     rest = lambda *_: None, random.Random(seed)  # no others to do jobs
-    return FleetLNS(dealt, *found, *rest)
+    return FleetLNS(assignment, *found, *rest)
 
 
 @pytest.fixture(params=[move.__name__ for move in improve.MOVES])
@@ -46,8 +46,8 @@ def one_move(request, monkeypatch):
 
 
 def test_tours_get_better_and_each_change_is_a_plan():
-    problem, found, build, dealt = first_tours((4, 8), seed=3)
-    better = search_of(found, dealt)
+    problem, found, build, assignment = first_tours((4, 8), seed=3)
+    better = search_of(found, assignment)
     plans = list(better.improved(lambda: False, Deadline.never()))
     spans = [found[1].lean().makespan, *(plan.lean().makespan for plan in plans)]
     assert len(spans) > 1
@@ -59,8 +59,8 @@ def test_tours_get_better_and_each_change_is_a_plan():
 
 
 def test_each_move_brings_plans_that_are_no_worse(one_move):
-    problem, found, build, dealt = first_tours((3, 6))
-    better = search_of(found, dealt, stale=4)
+    problem, found, build, assignment = first_tours((3, 6))
+    better = search_of(found, assignment, stale=4)
     for _ in better.improved(lambda: False, Deadline.never()):
         pass
     assert better.cost(better.best) <= better.cost(found[1])
@@ -71,8 +71,8 @@ def test_each_move_brings_plans_that_are_no_worse(one_move):
 @pytest.mark.parametrize("hoped", [0.01, 1.0, 9.0])
 def test_right_of_way_is_decided_whatever_is_hoped_for(monkeypatch, hoped):
     """What cannot be is asked first, then what can: it is as good as without any hope."""
-    _, found, _, dealt = first_tours((4, 8), seed=3)
-    usual = right_of_way(search_of(found, dealt), Deadline.never())
+    _, found, _, assignment = first_tours((4, 8), seed=3)
+    usual = right_of_way(search_of(found, assignment), Deadline.never())
     limits, decide = [], TourPlanner.coordinated
     monkeypatch.setattr(
         TourPlanner,
@@ -80,7 +80,7 @@ def test_right_of_way_is_decided_whatever_is_hoped_for(monkeypatch, hoped):
         lambda self, known, limit, by: limits.append(limit) or decide(self, known, limit, by),
     )
     monkeypatch.setattr(improve, "_HOPED", hoped)
-    again = right_of_way(search_of(found, dealt), Deadline.never())
+    again = right_of_way(search_of(found, assignment), Deadline.never())
     assert again.lean().makespan == usual.lean().makespan < found[1].lean().makespan
     assert limits == sorted(set(limits))
     assert max(limits) <= found[1].lean().makespan
@@ -99,16 +99,16 @@ def test_the_next_one_comes_when_the_former_has_left(toured):
 def test_equal_seeds_bring_equal_changes(seed):
     ends = []
     for _ in range(2):
-        _, found, _, dealt = first_tours((5, 10), seed)
-        better = search_of(found, dealt, stale=30, seed=seed)
+        _, found, _, assignment = first_tours((5, 10), seed)
+        better = search_of(found, assignment, stale=30, seed=seed)
         told = [plan.ends() for plan in better.improved(lambda: False, Deadline.never())]
         ends.append([*told, better.best.ends()])
     assert ends[0] == ends[1]
 
 
 def test_motions_look_for_ways_past_each_other():
-    problem, found, build, dealt = first_tours((8, 12), seed=4)
-    better, tours = search_of(found, dealt), found[0]
+    problem, found, build, assignment = first_tours((8, 12), seed=4)
+    better, tours = search_of(found, assignment), found[0]
 
     def known():
         ways = tours.crossings(better.makespan).ways
@@ -130,9 +130,9 @@ def test_motions_look_for_ways_past_each_other():
 
 
 def test_the_search_goes_on_from_tours_that_are_plans(toured, monkeypatch):
-    problem, found, _, dealt = toured
+    problem, found, _, assignment = toured
     search, *_ = opened(problem, 1)
-    better = search_of(found, dealt)
+    better = search_of(found, assignment)
     shorter = [replace(found[1], needless=frozenset([name])) for name in list(found[1].runs)[:3]]
 
     def improved(*_, **__):
@@ -144,7 +144,7 @@ def test_the_search_goes_on_from_tours_that_are_plans(toured, monkeypatch):
     refused = []
     monkeypatch.setattr(better, "improved", improved)
     monkeypatch.setattr(solve, "plan_of_tours", lambda _, tours: refused.append(tours))
-    large = SimpleNamespace(nearly_all=lambda share: share)
+    large = SimpleNamespace(part=lambda deadline, name: deadline.share(0.6))
     assert list(solve.improve(search, large, better)) == []
     assert refused == shorter
     assert better.best is found[1]

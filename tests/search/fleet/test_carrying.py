@@ -68,8 +68,8 @@ def test_who_carries_several_loads_at_once(load, options, many):
     assert loads_of(problem, jobs) == (dict.fromkeys(("r0", "r1"), many) if many > 1 else {})
 
 
-def rehearsed(many, seed):
-    """Return a drawn fleet's deals' evaluator, which guesses drives along the axes."""
+def evaluator_of(many, seed):
+    """Return a drawn fleet's assignment evaluator, which guesses drives along the axes."""
     rng = random.Random(seed)
     drawn = Fleet(MAP)
     drawn.add_robot_type("agv", (0.8, 0.5), model="omni", capacity={"item": many})
@@ -101,16 +101,16 @@ def orders_of_stops(tour, many):
             todo.append(((*before, (job, 1)), left, rest))
 
 
-def end_of(rehearsal, jobs):
+def end_of(evaluator, jobs):
     """Return when r0 has done some jobs, as the evaluator tells it (s)."""
-    mine = [[o.robot for o in some].index("r0") for some in rehearsal.jobs.options]
-    return rehearsal.ends({"r0": [(j, mine[j]) for j in jobs]})["r0"][0]
+    mine = [[o.robot for o in some].index("r0") for some in evaluator.jobs.options]
+    return evaluator.ends({"r0": [(j, mine[j]) for j in jobs]})["r0"][0]
 
 
-def lasts(rehearsal, order):
+def lasts(evaluator, order):
     """Return when a robot has come by all stops and done what is done there (s)."""
-    guess = rehearsal.guess
-    options = [[o for o in some if o.robot == "r0"] for some in rehearsal.jobs.options]
+    guess = evaluator.guess
+    options = [[o for o in some if o.robot == "r0"] for some in evaluator.jobs.options]
     here = guess.snapshot.configurations[guess.snapshot.initial["r0"]]
     seconds = sum(options[j][0].work for j, stop in order if stop == 0)
     for j, stop in order:
@@ -122,7 +122,7 @@ def lasts(rehearsal, order):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_two_jobs_that_are_done_together_take_what_their_stops_take(seed):
-    apart, together = rehearsed(1, seed), rehearsed(2, seed)
+    apart, together = evaluator_of(1, seed), evaluator_of(2, seed)
     sooner = 0
     for one, other in itertools.permutations(range(4), 2):
         in_turn = lasts(apart, [(one, 0), (one, 1), (other, 0), (other, 1)])
@@ -135,10 +135,10 @@ def test_two_jobs_that_are_done_together_take_what_their_stops_take(seed):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_tours_that_are_guessed_can_be_done(seed):
-    rehearsal = rehearsed(2, seed)
+    evaluator = evaluator_of(2, seed)
     jobs = random.Random(seed).sample(range(4), 4)
-    told = end_of(rehearsal, jobs)
-    possible = [lasts(rehearsal, order) for order in orders_of_stops(jobs, 2)]
+    told = end_of(evaluator, jobs)
+    possible = [lasts(evaluator, order) for order in orders_of_stops(jobs, 2)]
     assert min(possible) <= told + 1e-6
     assert any(value == pytest.approx(told) for value in possible)
 

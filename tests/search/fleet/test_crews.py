@@ -1,9 +1,9 @@
-"""Jobs that begin at once are dealt out to robots of their own, and done in one order by all."""
+"""Jobs that begin at once are assigned to robots of their own, and done in one order by all."""
 
 import pytest
 
 from tests.fleet.test_rules import one_room
-from tests.search.fleet.guesses import along_the_axes, dealt_out
+from tests.search.fleet.guesses import along_the_axes, assigned
 from tests.shuffled import shuffled
 from up_samp.fleet.build import write_problem
 from up_samp.search.fleet.assignment import in_stated_order
@@ -35,9 +35,12 @@ def test_no_robot_does_two_of_a_crew(seed, tmp_path):
     for job, crew in jobs.crews.items():
         crews.setdefault(crew, set()).add(name_of(jobs, job))
     assert sorted(map(sorted, crews.values())) == [[f"a{n}", f"b{n}"] for n in range(3)]
-    dealt = in_stated_order(dealt_out(jobs, snapshot, along_the_axes, seed=seed), {}, jobs.crews)
+    assignment = in_stated_order(
+        assigned(jobs, snapshot, along_the_axes, seed=seed), {}, jobs.crews
+    )
     orders = [
-        [jobs.crews[job] for job, _ in tour if job in jobs.crews] for tour in dealt.tours.values()
+        [jobs.crews[job] for job, _ in tour if job in jobs.crews]
+        for tour in assignment.tours.values()
     ]
     assert sum(map(len, orders)) == 6
     for order in orders:

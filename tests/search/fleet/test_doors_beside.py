@@ -1,4 +1,4 @@
-"""Fleets that are dealt out open doors, and charge for that, beside what they do."""
+"""Fleets whose jobs are assigned open doors, and charge for that, beside what they do."""
 
 import random
 
@@ -53,6 +53,6 @@ def test_the_first_plan_is_dealt_out(tmp_path, opened_from, battery):
     fleet = halls(tmp_path, len(opened_from), battery=battery, opened_from=opened_from)
     result = fleet.solve(timeout=300, first_plan=True, tuning={"large": 1})
     assert result.plan is not None, result.explain()
-    assert result.outcome.history.rounds == []  # found as it was dealt out
+    assert result.outcome.history.rounds == []  # found as it was assigned
     assert validate_plan(fleet.problem, result.plan).valid
     assert any(a["name"].startswith("open_gate") for a in result.data["activities"])

@@ -54,7 +54,7 @@ def site(seed, jobs=6, *, ends=False, odd=None):
     return problem
 
 
-def dealt(problem, owners):
+def assigned_to(problem, owners):
     """Return an assignment in which job by job somebody (by number) does it."""
     snapshot = read_problem(problem)
     jobs = find_jobs(problem, snapshot)
@@ -70,18 +70,20 @@ def dealt(problem, owners):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_whoever_ends_where_others_come_has_a_drive_back(seed):
-    share = dealt(site(seed), (0, 0, 0, 0, 2, 2))
-    assert share.drives_home() == {
+    assignment = assigned_to(site(seed), (0, 0, 0, 0, 2, 2))
+    assert assignment.drives_home() == {
         "r0": "move_r0_station_to_at_r0",
         "r2": "move_r2_station_to_at_r2",
     }
-    homes = {o.robot: share.guess.home(o) for options in share.jobs.options for o in options}
+    homes = {
+        o.robot: assignment.guess.home(o) for options in assignment.jobs.options for o in options
+    }
     assert homes == {robot: (*pose, 0.0) for robot, pose in STARTS.items()}
 
 
 def test_nobody_drives_back_who_is_alone_at_a_station_or_has_an_end():
-    assert dealt(site(0), (1,) * 6).drives_home() == {}
-    assert dealt(site(0, ends=True), (0, 0, 1, 1, 2, 2)).drives_home() == {}
+    assert assigned_to(site(0), (1,) * 6).drives_home() == {}
+    assert assigned_to(site(0, ends=True), (0, 0, 1, 1, 2, 2)).drives_home() == {}
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -103,7 +105,7 @@ def test_such_a_fleet_is_dealt_out(seed):
 
 def homely(seed):
     """Return a warehouse of which some robots have to be at their docks in the end, which these
-    are, and how it is dealt out; listed anyhow.
+    are, and how it is assigned; listed anyhow.
     """
     rng = random.Random(f"homely {seed}")
     robots, encoding = rng.choice([2, 3]), rng.choice(WAREHOUSE_ENCODINGS)
@@ -122,11 +124,13 @@ def test_who_has_to_be_home_in_the_end_drives_there(seed):
     snapshot = read_problem(problem)
     jobs = find_jobs(problem, snapshot)
     guess = TravelTimeModel(snapshot, along_the_axes, duties=duties_of(problem, snapshot, jobs))
-    rehearsal = AssignmentEvaluator(guess, jobs)
-    dealt = assign(rehearsal, Deadline.never(), random.Random(seed), Tuning(exchanges=9), rounds=0)
-    homes = homes_of(problem, dealt)
+    evaluator = AssignmentEvaluator(guess, jobs)
+    assignment = assign(
+        evaluator, Deadline.never(), random.Random(seed), Tuning(exchanges=9), rounds=0
+    )
+    homes = homes_of(problem, assignment)
     assert {task.object for n in homes for task in snapshot.by_activity[n]}.isdisjoint(ends)
-    assert bool(homes) == (len(ends) < len(rehearsal.robots))
+    assert bool(homes) == (len(ends) < len(evaluator.robots))
 
 
 @pytest.mark.long

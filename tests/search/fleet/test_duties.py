@@ -1,4 +1,4 @@
-"""What robots do beside their jobs, counted in deals: drives home, breaks, charging."""
+"""What robots do beside their jobs, counted in assignments: drives home, breaks, charging."""
 
 import math
 import random
@@ -45,8 +45,8 @@ def site(seed, jobs=6):
     return problem
 
 
-def rehearsed(seed):
-    """Return a problem's deals' evaluator, which guesses drives along the axes."""
+def evaluator_of(seed):
+    """Return a problem's assignment evaluator, which guesses drives along the axes."""
     problem = site(seed)
     snapshot = read_problem(problem)
     jobs = find_jobs(problem, snapshot)
@@ -56,7 +56,7 @@ def rehearsed(seed):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_duties_are_read_however_they_are_listed(seed):
-    duties = rehearsed(seed).guess.duties
+    duties = evaluator_of(seed).guess.duties
     assert duties.ends == {"r0": HOME, "r1": (3.0, 8.0, 0.0)}
     assert duties.rests == {"r0": BREAK, "r1": 0.0}
     grains = duties.batteries["r0"].full / FULL
@@ -70,11 +70,11 @@ def test_duties_are_read_however_they_are_listed(seed):
         assert taken >= math.floor(grains * math.dist(a[:2], b[:2]))
 
 
-def by_hand(rehearsal, robot, tour):
+def by_hand(evaluator, robot, tour):
     """Return when a robot alone has done a tour and all else that it has to do (s), and how often
     it charges.
     """
-    guess, duties = rehearsal.guess, rehearsal.guess.duties
+    guess, duties = evaluator.guess, evaluator.guess.duties
     battery, here = (
         duties.batteries[robot],
         guess.snapshot.configurations[guess.snapshot.initial[robot]],
@@ -82,7 +82,7 @@ def by_hand(rehearsal, robot, tour):
     kind = guess.snapshot.objects[robot].body, battery.full
     seconds, taken, nearest = duties.rests.get(robot, 0.0), 0.0, math.inf
     trips = 0
-    stops = [(o.entry, o) for o in (rehearsal.jobs.options[j][k] for j, k in tour)]
+    stops = [(o.entry, o) for o in (evaluator.jobs.options[j][k] for j, k in tour)]
     for there, option in [*stops, (duties.ends[robot], None)]:
         direct = guess.ride(robot, here, there)
         seconds += direct
@@ -100,27 +100,27 @@ def by_hand(rehearsal, robot, tour):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_what_a_tour_takes_counts_the_way_home_breaks_and_charging(seed):
-    rehearsal, rng = rehearsed(seed), random.Random(seed)
+    evaluator, rng = evaluator_of(seed), random.Random(seed)
     for _ in range(10):
-        robot = rng.choice(rehearsal.robots)
-        some = rng.sample(range(len(rehearsal.jobs.options)), rng.randint(0, 4))
-        mine = [[o.robot for o in rehearsal.jobs.options[j]].index(robot) for j in some]
+        robot = rng.choice(evaluator.robots)
+        some = rng.sample(range(len(evaluator.jobs.options)), rng.randint(0, 4))
+        mine = [[o.robot for o in evaluator.jobs.options[j]].index(robot) for j in some]
         tour = list(zip(some, mine, strict=True))
-        told, _ = rehearsal.ends({robot: tour})[robot]
-        seconds, trips = by_hand(rehearsal, robot, tour)
+        told, _ = evaluator.ends({robot: tour})[robot]
+        seconds, trips = by_hand(evaluator, robot, tour)
         assert told == pytest.approx(seconds)
-        assert rehearsal.charging({robot: tour}) == ({(robot, PLUG)} if trips else set())
+        assert evaluator.charging({robot: tour}) == ({(robot, PLUG)} if trips else set())
 
 
 def test_who_rests_gets_less_to_do():
-    rehearsal = rehearsed(1)
-    dealt = assign(rehearsal, Deadline.never(), random.Random(0), Tuning(), rounds=0)
-    ends = rehearsal.ends(dealt.tours)
+    evaluator = evaluator_of(1)
+    assignment = assign(evaluator, Deadline.never(), random.Random(0), Tuning(), rounds=0)
+    ends = evaluator.ends(assignment.tours)
     free = AssignmentEvaluator(
-        TravelTimeModel(rehearsal.guess.snapshot, along_the_axes), rehearsal.jobs
+        TravelTimeModel(evaluator.guess.snapshot, along_the_axes), evaluator.jobs
     )
     unaware = assign(free, Deadline.never(), random.Random(0), Tuning(), rounds=0)
-    honest = rehearsal.ends(unaware.tours)
+    honest = evaluator.ends(unaware.tours)
     assert max(end for end, _ in ends.values()) < max(end for end, _ in honest.values())
 
 
@@ -133,5 +133,5 @@ def test_what_drives_count_without_a_limit_is_no_battery():
     snapshot = read_problem(problem)
     duties = duties_of(problem, snapshot, find_jobs(problem, snapshot))
     assert {robot: battery.given for robot, battery in duties.batteries.items()} == {
-        robot: battery.given for robot, battery in rehearsed(0).guess.duties.batteries.items()
+        robot: battery.given for robot, battery in evaluator_of(0).guess.duties.batteries.items()
     }

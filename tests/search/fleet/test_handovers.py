@@ -1,5 +1,5 @@
 """What it takes that one robot makes room for the next one: against drives looked at one by one,
-and what that makes of shares of the jobs, against the same worked out by hand.
+and what that makes of assignments, against the same worked out by hand.
 """
 
 import itertools
@@ -21,8 +21,8 @@ INF = math.inf
 
 @pytest.fixture(scope="module", params=[0, 1])
 def toured(request):
-    _, (tours, _), _, dealt = first_tours((4, 8), seed=request.param)
-    return tours, dealt
+    _, (tours, _), _, assignment = first_tours((4, 8), seed=request.param)
+    return tours, assignment
 
 
 def first_free(workspace, leaver, path, comer, there):
@@ -77,9 +77,9 @@ def likely(known, place, goal, start):
     return sum(share * s for share, s in shares) / whole if whole > 1e-3 else None
 
 
-def ends_by_hand(rehearsal, tours):
+def ends_by_hand(evaluator, tours):
     """Return when each robot has done its jobs if all places are taken in turns."""
-    guess, jobs, snapshot = rehearsal.guess, rehearsal.jobs, rehearsal.guess.snapshot
+    guess, jobs, snapshot = evaluator.guess, evaluator.jobs, evaluator.guess.snapshot
     body = {robot: snapshot.objects[robot].body for robot in tours}
     wanted = Counter()
     for options in jobs.options:
@@ -107,11 +107,11 @@ def ends_by_hand(rehearsal, tours):
         return seconds
 
     while any(left.values()):
-        robot = min((r for r in rehearsal.robots if left.get(r)), key=comes)
+        robot = min((r for r in evaluator.robots if left.get(r)), key=comes)
         place = left[robot][0][0]
         free = last[place][1] if wanted[place] > 1 and place in last else -INF
-        waiting = [r for r in rehearsal.robots if left.get(r) and left[r][0][0] == place]
-        if rehearsal.rules.at_once and free > comes(
+        waiting = [r for r in evaluator.robots if left.get(r) and left[r][0][0] == place]
+        if evaluator.rules.at_once and free > comes(
             robot
         ):  # of those who wait the one that has most left to do
             robot = max((r for r in waiting if r == robot or comes(r) <= free), key=is_left)
@@ -121,7 +121,7 @@ def ends_by_hand(rehearsal, tours):
             key = (body[other], place, goal), (body[robot], here[robot], place)
             gap = guess.handovers.get(key)
             gap = likely(guess.handovers, place, goal, here[robot]) if gap is None else gap
-            came = max(came, free + (rehearsal.rules.handover if gap is None else gap))
+            came = max(came, free + (evaluator.rules.handover if gap is None else gap))
         ready[robot], here[robot] = came + stays, place
         goal = left[robot][0][0] if left[robot] else home[robot]
         last[place] = robot, ready[robot], goal
@@ -136,13 +136,13 @@ def ends_by_hand(rehearsal, tours):
 @pytest.mark.parametrize("at_once", [False, True])
 @pytest.mark.parametrize("seed", range(3))
 def test_shares_take_what_is_known_of_their_handovers(toured, seed, at_once):
-    _, dealt = toured
-    rules = dealt.rehearsal.rules._replace(at_once=at_once)
-    rng, usual = random.Random(seed), replace(dealt.rehearsal, rules=rules)
+    _, assignment = toured
+    rules = assignment.evaluator.rules._replace(at_once=at_once)
+    rng, usual = random.Random(seed), replace(assignment.evaluator, rules=rules)
     exact = AssignmentEvaluator(usual.guess, usual.jobs, usual.rules, exact=True)
     usual.guess.handovers.clear()
     usual.guess.rounds += 1
-    assert exact.ends(dealt.tours) == usual.ends(dealt.tours)
+    assert exact.ends(assignment.tours) == usual.ends(assignment.tours)
     robots, options = usual.robots, usual.jobs.options
     for _ in range(5):
         jobs = rng.sample(range(len(options)), len(options))
@@ -150,7 +150,9 @@ def test_shares_take_what_is_known_of_their_handovers(toured, seed, at_once):
         for j in jobs:
             k = rng.randrange(len(options[j]))
             tours[options[j][k].robot].append((j, k))
-        for pair in rng.sample(some := replace(dealt, tours=tours).handovers(), len(some) // 2):
+        for pair in rng.sample(
+            some := replace(assignment, tours=tours).handovers(), len(some) // 2
+        ):
             drives = tuple((usual.guess.snapshot.objects[r].body, a, b) for r, a, b in pair)
             usual.guess.handovers[drives] = float(rng.randint(0, 40))
         usual.guess.rounds += 1

@@ -1,4 +1,4 @@
-"""Large problems: jobs dealt out, thinned problems, motions decided one after the other."""
+"""Large problems: jobs assigned, thinned problems, motions decided one after the other."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import AnytimePlanner, OneshotPlanner, get_environment
 
-from tests.search.fleet.guesses import along_the_axes, dealt_out
+from tests.search.fleet.guesses import along_the_axes, assigned
 from tests.search.fleet_bound.store_fleet import fleet_of
 from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.search.fleet import assignment, tours
@@ -26,18 +26,18 @@ def problem():
 
 
 @pytest.mark.parametrize(("warm", "cold"), [(0.03, 0.0003), (0.03, 0.0), (0.0, 0.0)])
-def test_work_that_takes_no_time_is_dealt_out(problem, warm, cold, monkeypatch):
+def test_work_that_takes_no_time_is_assigned(problem, warm, cold, monkeypatch):
     monkeypatch.setattr(assignment, "_WARM", warm)
     snapshot = read_problem(problem)
     jobs = find_jobs(problem, snapshot)
     options = tuple(tuple(replace(o, work=0.0) for o in some) for some in jobs.options)
     for lasts in (lambda body, a, b: 0.0, along_the_axes):
-        dealt = dealt_out(replace(jobs, options=options), snapshot, lasts, cold=cold)
-        done = sorted(j for tour in dealt.tours.values() for j, _ in tour)
+        found = assigned(replace(jobs, options=options), snapshot, lasts, cold=cold)
+        done = sorted(j for tour in found.tours.values() for j, _ in tour)
         assert done == list(range(len(jobs.options)))
 
 
-def test_jobs_are_dealt_out_once_each(problem):
+def test_jobs_are_assigned_once_each(problem):
     snapshot = read_problem(problem)
     jobs = find_jobs(problem, snapshot)
     # one of the two optional orders has to be done
@@ -47,25 +47,27 @@ def test_jobs_are_dealt_out_once_each(problem):
         f"{what}_robot0_order0" for what in ("fetch", "load", "carry", "unload")
     }
     assert first.extras == {"leave_robot0_order0"}
-    dealt = dealt_out(jobs, snapshot)
-    done = sorted(j for tour in dealt.tours.values() for j, _ in tour)
+    assignment = assigned(jobs, snapshot)
+    done = sorted(j for tour in assignment.tours.values() for j, _ in tour)
     assert done == list(range(len(jobs.options)))
-    ends = [end for end, _ in dealt.rehearsal.ends(dealt.tours).values()]
+    ends = [end for end, _ in assignment.evaluator.ends(assignment.tours).values()]
     assert max(ends) < 0.6 * sum(ends)
 
 
 def test_a_thinned_problem_has_what_was_dealt_out_and_nothing_else(problem):
     snapshot = read_problem(problem)
     jobs = find_jobs(problem, snapshot)
-    dealt = dealt_out(jobs, snapshot)
+    assignment = assigned(jobs, snapshot)
     names = [a.name for a in problem.activities]
-    thin = thinned(problem, decided_by(dealt, names))
+    thin = thinned(problem, decided_by(assignment, names))
     kept = {a.name for a in thin.activities}
-    leaders = {jobs.options[j][k].leader for tour in dealt.tours.values() for j, k in tour}
+    leaders = {jobs.options[j][k].leader for tour in assignment.tours.values() for j, k in tour}
     assert leaders <= kept < set(names)
     loads = {n for n in kept if n.startswith("load_")}
     assert loads == leaders
-    assert len([n for n in kept if n.startswith("leave_")]) == sum(map(bool, dealt.tours.values()))
+    assert len([n for n in kept if n.startswith("leave_")]) == sum(
+        map(bool, assignment.tours.values())
+    )
     assert len(problem.activities) == len(names)
 
 
@@ -77,7 +79,7 @@ def test_a_fleet_gets_a_valid_plan_by_construction(robots, orders):
         result = planner.solve(problem, timeout=120)
     assert result.status is Status.SOLVED_SATISFICING
     assert validate_plan(problem, result.plan).violations == ()
-    assert result.metrics["rounds"] == "0", "the first plan came from what was dealt out"
+    assert result.metrics["rounds"] == "0", "the first plan came from what was assigned"
 
 
 @pytest.mark.usefixtures("no_second_opinions")
@@ -91,13 +93,13 @@ def test_a_fleets_problem_file_is_dealt_out_too():
         result = planner.solve(problem, timeout=120)
     assert result.status is Status.SOLVED_SATISFICING
     assert validate_plan(problem, result.plan).violations == ()
-    assert result.metrics["rounds"] == "0", "the first plan came from what was dealt out"
+    assert result.metrics["rounds"] == "0", "the first plan came from what was assigned"
 
 
 def test_plans_of_large_fleets_get_better(monkeypatch):
     get_environment().credits_stream = None
     problem = warehouse(2, 4, encoding="compact")
-    # a first plan that leaves something to be done better: a poor share, whole tours, best ways
+    # a first plan that leaves something to be done better: poorly assigned, whole tours, best ways
     monkeypatch.setattr(tours, "_PAST", 0)
     tuning = {"large": 1, "stale": 30, "exchanges": 0}
     with AnytimePlanner(name="samp-refine[cpsat]", params={"tuning": tuning}) as planner:

@@ -1,4 +1,4 @@
-"""Where jobs are dealt out, less may happen than in the whole problem, and less is left to choice:
+"""Where jobs are assigned, less may happen than in the whole problem, and less is left to choice:
 who does nothing is surely where it was at first.
 """
 
@@ -41,5 +41,5 @@ def test_who_gets_no_job_drives_from_where_it_is_at_first(seed, caplog):
     ):
         result = planner.solve(problem, timeout=120)
     assert not caplog.records
-    assert result.metrics["rounds"] == "0", "it came from what was dealt out"
+    assert result.metrics["rounds"] == "0", "it came from what was assigned"
     assert validate_plan(problem, result.plan).valid

@@ -37,7 +37,7 @@ def test_dealt_out_jobs_keep_priorities_and_robots_charge_for_them():
         fleet.add_order(f"o{i}", there, back, priority=i)
     result = fleet.solve(timeout=60, first_plan=True, tuning={"large": 1})
     assert result.plan is not None, result.explain()
-    assert result.outcome.history.rounds == []  # found as it was dealt out
+    assert result.outcome.history.rounds == []  # found as it was assigned
     assert validate_plan(fleet.problem, result.plan).valid
     begun = {
         a["name"].split("_")[1]: a["start"]

@@ -8,7 +8,7 @@ import pytest
 from unified_planning.shortcuts import get_environment
 
 from tests.motion.fleet.spacetime_oracle import room
-from tests.search.fleet.guesses import dealt_out
+from tests.search.fleet.guesses import assigned
 from up_samp.benchmarks.builders.warehouse import WAREHOUSE_ENCODINGS, warehouse
 from up_samp.geometry import lay_out
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, Rest, TimedMotion
@@ -102,16 +102,16 @@ def test_a_way_past_all_ends_is_open_once_everybody_is_there():
 
 
 def opened(problem, seed):
-    """Return a search on what was dealt out of a problem, its first candidate, what makes plans of
-    it, and what was dealt out.
+    """Return a search on the problem thinned to an assignment, its first candidate, what makes
+    plans of it, and the assignment.
     """
     get_environment().credits_stream = None
     snapshot, grid = lay_out(read_problem(problem))
     service = session.open_service(snapshot, grid, Parameters())
     jobs = find_jobs(problem, snapshot)
-    dealt = dealt_out(jobs, snapshot, seed=seed)
-    thin = thinned(problem, decided_by(dealt, [a.name for a in problem.activities]))
-    state_order(thin, dealt)
+    assignment = assigned(jobs, snapshot, seed=seed)
+    thin = thinned(problem, decided_by(assignment, [a.name for a in problem.activities]))
+    state_order(thin, assignment)
     wrapped = Wrapped("cpsat", {}, lambda problem, plan: [], lambda plan: [], True)
     whole = Problem(problem, snapshot, wrapped, Parameters())
     search = session.open_thin(whole, service, thin, Deadline.after(120))
@@ -119,7 +119,7 @@ def opened(problem, seed):
     report = get_schedule(search, optimal=False)
     search.scheduler.close()
     itinerary = read_itinerary(search.knowledge.relaxation, report.schedule)
-    return search, itinerary, whole.build, dealt
+    return search, itinerary, whole.build, assignment
 
 
 @pytest.mark.parametrize(
@@ -163,8 +163,10 @@ def test_who_goes_first_is_done_sooner():
 
 def test_needless_ways_home_are_left_out_of_plans():
     problem = warehouse(3, 5, encoding="compact")
-    search, itinerary, build, dealt = opened(problem, 0)
-    done = plan_tours(search, itinerary, Deadline.after(100), homes=homes_of(problem, dealt))[1]
+    search, itinerary, build, assignment = opened(problem, 0)
+    done = plan_tours(search, itinerary, Deadline.after(100), homes=homes_of(problem, assignment))[
+        1
+    ]
     assert done.needless
     assert all(name.startswith("leave_") for name in done.needless)
     assert done.lean().makespan < done.schedule.makespan

@@ -41,7 +41,7 @@ from up_samp.search.session import open_service
 from up_samp.search.statements import lower_bounds
 from up_samp.search.world import Motions
 from up_samp.upio import read_problem, write_refinement
-from up_samp.upio.relaxing import relax
+from up_samp.upio.write_relaxation import relax
 from up_samp.validation import validate_plan
 
 

@@ -1,4 +1,4 @@
-"""Shares of jobs by robots that cannot all stay where they end, against all ways to share them."""
+"""Jobs assigned to robots that cannot all stay where they end, against all ways to assign them."""
 
 import itertools
 import random
@@ -12,12 +12,12 @@ from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.geometry import lay_out
 from up_samp.search.facts import Facts
 from up_samp.search.fleet.jobs import find_jobs
-from up_samp.search.fleet_bound.bound import FinalOccupancy, _counted, final_occupancy, least_share
+from up_samp.search.fleet_bound.bound import FinalOccupancy, _counted, final_occupancy, load_balance
 from up_samp.search.fleet_bound.work import JobMode, JobWork
 from up_samp.search.params import Parameters
 from up_samp.search.session import open_service
 from up_samp.upio import read_problem
-from up_samp.upio.relaxing import relax
+from up_samp.upio.write_relaxation import relax
 
 HOME = "home"
 
@@ -75,7 +75,7 @@ def ends(work, kinds, chosen):
 
 
 def best_of(work, ways, kinds):
-    """Return the least makespan of all ways to share the jobs."""
+    """Return the least makespan of all ways to assign the jobs."""
     jobs, best = sorted({w.job for w in ways}), None
     for whose in itertools.product(range(len(kinds)), repeat=len(jobs)):
         each = []
@@ -92,8 +92,8 @@ def bound_of(work, ways, last):
     """Return what is proven, one bound after the other."""
     since = 0
     while True:
-        share, _ = least_share(work, ways, {}, 60.0, last, since)
-        found = max(since, int(-(-(share - 1e-6) // 1)))
+        bound, _ = load_balance(work, ways, {}, 60.0, last, since)
+        found = max(since, int(-(-(bound - 1e-6) // 1)))
         if found == since:
             return since
         since = found

@@ -35,7 +35,7 @@ IMPORTERS: Mapping[str, Importer] = {
 
 
 def import_file(
-    source: Path, folder: Path, kind: str | None = None, options: Options | None = None
+    source: Path, folder: Path, kind: str | None = None, options: Options = Options()
 ) -> Imported:
     """Import ``source`` into ``folder``; ``kind`` is found by the file's ending if it is None.
 
@@ -50,7 +50,7 @@ def import_file(
         raise UnsupportedError(f"'{source}': say what it is (--kind): {', '.join(known)}")
     how = known[kind]
     try:
-        return how.read(source, folder, options or Options())
+        return how.read(source, folder, options)
     except UnsupportedError:
         raise
     except ProblemError as error:

@@ -36,6 +36,14 @@ from up_samp.motion.protocol import WorkBudget
 
 Pair = tuple[str, str]
 
+FIRST, AGAIN = 20, 30
+"""Motions planned for each one of a group: with who is in the way ejected; and once more, where
+somebody is late, or all much later than alone.
+"""
+
+ENOUGH = 1.15
+"""Of the arrivals alone, with which a group on time is content."""
+
 FEW, MUCH = 12, 1.5
 """Where fewer motions take so many times as long as alone, as much is tried as for so many."""
 
@@ -59,10 +67,10 @@ def coordinate(
     """Find trajectories for all motions of ``query`` that keep clear of each other, of what rests
     and of what is already decided; late if there is no other way found.
 
-    Where motions meet, a few are planned again until all arrive about as soon as alone (the tunable
-    ``enough``) or counted work is done; ``anytime``: until the ``deadline``, for the least sum of
-    arrivals. The report's ``reason`` says what ended it. Deterministic for a ``seed`` as long as
-    the ``deadline`` does not cut it short.
+    Where motions meet, a few are planned again until all arrive about as soon as alone (``ENOUGH``)
+    or counted work is done; ``anytime``: until the ``deadline``, for the least sum of arrivals. The
+    report's ``reason`` says what ended it. Deterministic for a ``seed`` as long as the ``deadline``
+    does not cut it short.
     """
     workspace = workspace_of(service)
     truncated = workspace.truncated
@@ -123,24 +131,23 @@ def _eject(group: MovingGroup, alone: Runs, seed: int, anytime: bool) -> None:
     """Plan a group whose members meet one after the other, with ejection; where somebody is late
     then, or all are much later than alone, a few of them again (``anytime``: while there is time).
     """
-    effort = group.workspace.tuning
-    group.budget = WorkBudget(group.deadline, effort.first * len(alone))
+    group.budget = WorkBudget(group.deadline, FIRST * len(alone))
     group.ways = {name: [run.path] for name, run in alone.items()}
     runs = first_runs(group)
     if runs is None:
         return
     least = sum(group.motions[n].release + group.alone(n) for n in runs)
-    few = effort.again * len(runs)
+    few = AGAIN * len(runs)
 
     def enough(runs: Runs) -> bool:
         late = group.lateness(runs) > group.least + ON_TIME
-        factor = effort.enough if group.budget.used < few else MUCH
+        factor = ENOUGH if group.budget.used < few else MUCH
         soon = sum(run.arrival for run in runs.values()) <= factor * least
         return soon and not late and not anytime
 
     # who is late may have to be: that is not worth more
     late = group.lateness(runs) > group.least + ON_TIME
-    most = few if late else max(few, effort.again * FEW)
+    most = few if late else max(few, AGAIN * FEW)
     group.budget = WorkBudget(group.deadline, None if anytime else most)
     group.best = improve(group, runs, list(runs), seed, enough)
     ratio = sum(run.arrival for run in group.best.values()) / max(least, SAME_TIME)
@@ -226,7 +233,7 @@ def _past_each_other(group: MovingGroup, alone: Runs, conflicts: Sequence[Pair])
             group.ways[name].append(way)
             found.append(way)
     if found:
-        group.budget = WorkBudget(group.deadline, workspace.tuning.first * len(alone))
+        group.budget = WorkBudget(group.deadline, FIRST * len(alone))
         group.best = first_runs(group)
 
 

@@ -28,7 +28,7 @@ from up_samp.geometry.records import GridFrame, PolyData, along, grid_along, gri
 from up_samp.geometry.shapes import core_of, shape_of
 from up_samp.model import Body, Configuration, Deadline, Outcome, PathReport, Placed, check_time
 from up_samp.model.arrays import BoolArray, Int32Array, IntArray
-from up_samp.model.graphs import reached as reached_from
+from up_samp.model.graphs import reached
 from up_samp.motion.guides import point_to_convex
 from up_samp.motion.proofs.heading_slices import MOST_BOXES, separated
 from up_samp.motion.proofs.orders import (
@@ -38,7 +38,7 @@ from up_samp.motion.proofs.orders import (
     hubs_of,
     joint_positions,
     parts_of,
-    reached,
+    positions_reached,
     too_many,
 )
 from up_samp.motion.protocol import obstacle_key
@@ -248,7 +248,7 @@ class Certifier:
             return None
         seen = next((some for some in known if some[start].any()), None)
         if seen is None:
-            seen = reached(blocks, fine._in_cells(radii), start)
+            seen = positions_reached(blocks, fine._in_cells(radii), start)
             known.append(seen)
         if seen[..., [0, -1]].any():
             return None
@@ -434,7 +434,7 @@ class Regions:
         def free(some: Iterable[int]) -> list[int]:
             return [n for n in some if not self.owners.get(n, 0) & ~removed]
 
-        return goal in reached_from(free([start]), lambda here: free(self.links.get(here, ())))
+        return goal in reached(free([start]), lambda here: free(self.links.get(here, ())))
 
 
 def box_of(owners: IntArray) -> tuple[slice, slice]:

@@ -140,7 +140,9 @@ def _blocks(spans: FloatArray, room: BoolArray, size: int, hub: Hub) -> Blocks:
     return ids[:-1, 1:-1], whole, beside, turns
 
 
-def reached(blocks: Sequence[Blocks], reaches: Sequence[float], start: Sequence[int]) -> BoolArray:
+def positions_reached(
+    blocks: Sequence[Blocks], reaches: Sequence[float], start: Sequence[int]
+) -> BoolArray:
     """Return which joint positions are reached from one of them (a block of each of two bodies), by
     how much more often the first one goes round the hub: -2, -1, 0, 1 or 2 times. Where that is 2
     they pass each other, and what else they reach is not looked at.

@@ -96,7 +96,7 @@ _ANCHORS = {kind: anchor for anchor, kind in POINTS.items()}
 _KINDS = {kind: name for name, kind in EFFECT_KINDS.items()}
 
 
-def read_problem(problem: SchedulingProblem, *, objective: bool = True) -> PlainProblem:
+def read_plain(problem: SchedulingProblem, *, objective: bool = True) -> PlainProblem:
     """Return ``problem`` as plain values; without ``objective``, whatever is best.
 
     Scopes become implications, intervals closed ones over integers, presence of a mandatory

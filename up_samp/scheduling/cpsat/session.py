@@ -56,7 +56,7 @@ class CpsatSession:
     :param workers: threads of CP-SAT (``None``: one per core).
     :param effort: limit of one :meth:`solve` in CP-SAT's deterministic time (0.1 may take a
         second): unlike a deadline, it ends the same way on every machine (``None``: no limit).
-    :param tuning: sizes, efforts and shares of its stages (``None``: the defaults).
+    :param tuning: sizes, efforts and shares of its stages.
     :param plain: recognise nothing in the problem. It takes longer, and rests on less.
 
     ``doubts``: what rests on what was recognised is doubted before it is told; what is refuted is
@@ -71,7 +71,7 @@ class CpsatSession:
         seed: int = 0,
         workers: int | None = None,
         effort: float | None = None,
-        tuning: Tuning | None = None,
+        tuning: Tuning = Tuning(),
         plain: bool = False,
     ) -> None:
         self.problem = problem
@@ -80,7 +80,7 @@ class CpsatSession:
         self.soon = False
         self.seed, self.workers = seed, workers or os.cpu_count() or 1
         self.effort = effort
-        self.tuning = tuning or Tuning()
+        self.tuning = tuning
         self.bound: float | Fraction = -math.inf
         self.rebuilds = 0
         self._watcher = Watcher(problem)

@@ -28,7 +28,7 @@ from up_samp.search.fleet.travel_times import OneDrive, TravelTimeModel
 from up_samp.tuning import Tuning
 
 ROUNDS = 4
-"""In which the drives of a share are planned and jobs dealt out anew, at most."""
+"""In which the drives of an assignment are planned and jobs assigned anew, at most."""
 _AT_ONCE = 4_000
 """Changes after which is seen whether there is time left."""
 _WARM = 0.1
@@ -37,23 +37,21 @@ _WARM = 0.1
 
 @dataclass
 class Assignment:
-    """Who does which jobs in which order, by robot, and what that takes as far as it was
-    rehearsed.
-    """
+    """Who does which jobs in which order, by robot, and what tells how long that takes."""
 
-    rehearsal: AssignmentEvaluator
+    evaluator: AssignmentEvaluator
     tours: dict[str, list[Step]]
     tuning: Tuning = field(default_factory=Tuning)
 
     @property
     def guess(self) -> TravelTimeModel:
         """What drives take."""
-        return self.rehearsal.guess
+        return self.evaluator.guess
 
     @property
     def jobs(self) -> Jobs:
         """All jobs, with the ways to do each."""
-        return self.rehearsal.jobs
+        return self.evaluator.jobs
 
     def drives_home(self) -> dict[str, str]:
         """Return by robot the drive out of the way of others that have to be where its tour ends,
@@ -97,45 +95,47 @@ class Assignment:
 
 
 def assign(
-    rehearsal: AssignmentEvaluator,
+    evaluator: AssignmentEvaluator,
     deadline: Deadline,
     rng: random.Random,
     tuning: Tuning,
     *,
     rounds: int = ROUNDS,
 ) -> Assignment:
-    """Return a quick and balanced share of all jobs: as good as it gets until ``deadline``.
+    """Return a quick and balanced assignment of all jobs: as good as it gets until ``deadline``.
 
-    The drives that are dealt out are planned, and jobs are dealt out again with what is known then,
-    until nothing new is learned (at most ``rounds`` times).
+    Its drives are planned, and jobs are assigned again with what is known then, until nothing new
+    is learned (at most ``rounds`` times).
     """
-    found = with_all_jobs(Assignment(rehearsal, {robot: [] for robot in rehearsal.robots}, tuning))
+    found = with_all_jobs(Assignment(evaluator, {robot: [] for robot in evaluator.robots}, tuning))
     return mended(exchanged(found, rng, deadline), rng, deadline, rounds)
 
 
-def share_of_plan(
-    plan: CandidateSchedule, rehearsal: AssignmentEvaluator, deadline: Deadline, tuning: Tuning
+def assignment_of_plan(
+    plan: CandidateSchedule, evaluator: AssignmentEvaluator, deadline: Deadline, tuning: Tuning
 ) -> Assignment:
-    """Return the share of the jobs that a plan has made; those of which it knows nothing are given
-    out, too. What its drives take is learned.
+    """Return the assignment that a plan has made; jobs of which it knows nothing are assigned, too.
+    What its drives take is learned.
     """
-    tours: dict[str, list[Step]] = {robot: [] for robot in rehearsal.robots}
+    tours: dict[str, list[Step]] = {robot: [] for robot in evaluator.robots}
     begun = {
         (j, k): min(plan.times[name] for name in option.members)
-        for j, options in enumerate(rehearsal.jobs.options)
+        for j, options in enumerate(evaluator.jobs.options)
         for k, option in enumerate(options)
         if option.members <= plan.times.keys()
     }
     first = dict(sorted(sorted(begun), key=begun.__getitem__, reverse=True))
     for j, k in sorted(first.items(), key=begun.__getitem__):
-        tours[rehearsal.jobs.options[j][k].robot].append((j, k))
-    found = with_all_jobs(Assignment(rehearsal, tours, tuning))
+        tours[evaluator.jobs.options[j][k].robot].append((j, k))
+    found = with_all_jobs(Assignment(evaluator, tours, tuning))
     found.guess.ask(found.ways(), deadline)
     return found
 
 
 def with_all_jobs(found: Assignment) -> Assignment:
-    """Return a share with the jobs that it leaves out, each given to who has done all soonest."""
+    """Return an assignment with the jobs that it leaves out, each given to who has done all
+    soonest.
+    """
     work = [min(o.work for o in options) for options in found.jobs.options]
     due = [min(o.due for o in options) for options in found.jobs.options]
     left = set(range(len(work))) - {j for tour in found.tours.values() for j, _ in tour}
@@ -147,12 +147,12 @@ def with_all_jobs(found: Assignment) -> Assignment:
 def mended(
     found: Assignment, rng: random.Random, deadline: Deadline, rounds: int = ROUNDS
 ) -> Assignment:
-    """Return a share of all jobs that is as good as one can tell by what its drives really take,
-    and its handovers where these are looked at one by one.
+    """Return an assignment of all jobs that is as good as one can tell by what its drives really
+    take, and its handovers where these are looked at one by one.
     """
     for _ in range(rounds):
         new = found.guess.ask(found.ways(), deadline)
-        if found.rehearsal.exact:
+        if found.evaluator.exact:
             new += found.guess.ask_handovers(found.handovers(), deadline)
         if not new:
             break
@@ -163,10 +163,10 @@ def mended(
 
 def inserted(found: Assignment, job: int) -> dict[str, list[Step]]:
     """Return the tour of who has done everything soonest then with a job more."""
-    rehearsal = found.rehearsal
-    shares = rehearsal.shares(found.tours)
-    who = rehearsal.robots[insert(rehearsal.work(), rehearsal.rules, shares, job)]
-    return {who: rehearsal.tours(shares)[who]}
+    evaluator = found.evaluator
+    arrays = evaluator.arrays(found.tours)
+    who = evaluator.robots[insert(evaluator.work(), evaluator.rules, arrays, job)]
+    return {who: evaluator.tours(arrays)[who]}
 
 
 def exchanged(
@@ -178,19 +178,19 @@ def exchanged(
     warmth: float = 1.0,
     another: bool = False,
 ) -> Assignment:
-    """Return the best share that annealing comes by: jobs moved, or exchanged by two robots.
+    """Return the best assignment that annealing comes by: jobs moved, or exchanged by two robots.
 
     :param share: of the usual changes...
     :param warmth: ...and of the usual warmth at first.
     :param another: the best one of the second half, as the first one leads elsewhere.
     """
-    tuning, rehearsal = found.tuning, found.rehearsal
+    tuning, evaluator = found.tuning, found.evaluator
     # so that it is worth as many seconds whatever the power of ends that counts
-    steeper = rehearsal.rules.steep / CostWeights().steep
+    steeper = evaluator.rules.steep / CostWeights().steep
     cold = tuning.cold * steeper
     warm = cold + (_WARM * steeper - cold) * warmth
     tries = math.ceil(tuning.exchanges * len(found.jobs.options) * share)
-    now, best = rehearsal.shares(found.tours), rehearsal.shares(found.tours)
+    now, best = evaluator.arrays(found.tours), evaluator.arrays(found.tours)
     heats = np.zeros(tries)
     if warm > 0.0:
         heats = warm * (cold / warm) ** (np.arange(tries) / max(tries, 1))
@@ -200,20 +200,20 @@ def exchanged(
         if deadline.expired():
             break
         if another and number == len(parts) // 2:
-            best = rehearsal.shares(rehearsal.tours(now))
+            best = evaluator.arrays(evaluator.tours(now))
         draws = drawn(chance, len(some))
-        anneal(rehearsal.work(), rehearsal.rules, now, best, draws, some)
-    return replace(found, tours=rehearsal.tours(best))
+        anneal(evaluator.work(), evaluator.rules, now, best, draws, some)
+    return replace(found, tours=evaluator.tours(best))
 
 
 def in_stated_order(
-    assign: Assignment, earlier: Mapping[int, set[int]], crews: Mapping[int, int]
+    assignment: Assignment, earlier: Mapping[int, set[int]], crews: Mapping[int, int]
 ) -> Assignment:
-    """Return the same share with all tours in one order of all jobs: each comes after those that
-    are ``earlier``, else as it was dealt out, those of one crew one after the other; as it is where
+    """Return the same assignment with all tours in one order of all jobs: each comes after those
+    that are ``earlier``, else as assigned, those of one crew one after the other; as it is where
     nobody could follow such an order.
     """
-    place = {j: at for tour in assign.tours.values() for at, (j, _) in enumerate(tour)}
+    place = {j: at for tour in assignment.tours.values() for at, (j, _) in enumerate(tour)}
     first = dict[int, tuple[int, int]]()
     for j in sorted(place, key=lambda j: (place[j], j)):
         first.setdefault(crews.get(j, -1 - j), (place[j], j))
@@ -221,39 +221,42 @@ def in_stated_order(
     while left:
         waits = [bool(place.keys() & earlier.get(j, set()) - rank.keys()) for j in left]
         if all(waits):
-            return assign
+            return assignment
         rank[left.pop(waits.index(False))] = len(rank)
-    tours = {r: sorted(t, key=lambda step: rank[step[0]]) for r, t in assign.tours.items()}
-    return replace(assign, tours=tours)
+    tours = {r: sorted(t, key=lambda step: rank[step[0]]) for r, t in assignment.tours.items()}
+    return replace(assignment, tours=tours)
 
 
 def decided_by(
-    assign: Assignment, names: Sequence[str], beside: Collection[Stop] = ()
+    assignment: Assignment, names: Sequence[str], beside: Collection[Stop] = ()
 ) -> frozenset[str]:
-    """Return the activities that may be present if everybody does what was dealt out, and makes use
+    """Return the activities that may be present if everybody does what is assigned, and makes use
     of what may come of a job only in the end (to go home). Robots may drive to and from what is
     ``beside`` their tours.
     """
-    jobs, loads = assign.jobs, assign.guess.duties.loads
-    chosen = {(j, k) for tour in assign.tours.values() for j, k in tour}
+    jobs, loads = assignment.jobs, assignment.guess.duties.loads
+    chosen = {(j, k) for tour in assignment.tours.values() for j, k in tour}
     gone = {o.leader for j, options in enumerate(jobs.options) for k, o in enumerate(options)
             if (j, k) not in chosen}  # fmt: skip
-    for robot, tour in assign.tours.items():
+    for robot, tour in assignment.tours.items():
         for j, k in tour[: -loads.get(robot, 1)]:
             gone |= jobs.options[j][k].extras
-    return frozenset(names) - jobs.without(gone) - _detours(assign, beside)
+    return frozenset(names) - jobs.without(gone) - _detours(assignment, beside)
 
 
-def _detours(assign: Assignment, beside: Collection[Stop]) -> set[str]:
+def _detours(assignment: Assignment, beside: Collection[Stop]) -> set[str]:
     """Return the drives between fixed places that are no part of a job and not on the way from one
     to the next: to the first stop, from stop to stop, and from the last one to where nothing is
     done, if a robot has to be there in the end. (Stops of jobs that may be under way at once come
     in any order.)
     """
-    snapshot, options = assign.guess.snapshot, [o for some in assign.jobs.options for o in some]
+    snapshot, options = (
+        assignment.guess.snapshot,
+        [o for some in assignment.jobs.options for o in some],
+    )
     own = {n for o in options for n in (*o.members, *o.extras)}
     stops = {pose for o in options for leg in (*o.legs, (o.entry, o.exit)) for pose in leg}
-    tours = {robot: _ways_between(assign, robot) for robot in assign.tours}
+    tours = {robot: _ways_between(assignment, robot) for robot in assignment.tours}
     found = set()
     for task in snapshot.tasks:
         fixed = all(term.kind is TermKind.CONSTANT for term in task.terms)
@@ -270,42 +273,42 @@ def _detours(assign: Assignment, beside: Collection[Stop]) -> set[str]:
     return found
 
 
-def _all_ways(assign: Assignment, robot: str) -> list[tuple[Configuration, Configuration]]:
+def _all_ways(assignment: Assignment, robot: str) -> list[tuple[Configuration, Configuration]]:
     """Return from where to where a robot drives for its jobs, and home."""
-    found = sorted(_ways(assign, robot)[0])
-    if assign.tours[robot]:
-        j, k = assign.tours[robot][-1]
-        option = assign.jobs.options[j][k]
-        home = assign.guess.home(option)
+    found = sorted(_ways(assignment, robot)[0])
+    if assignment.tours[robot]:
+        j, k = assignment.tours[robot][-1]
+        option = assignment.jobs.options[j][k]
+        home = assignment.guess.home(option)
         found += [] if home is None else [(option.exit, home)]
     return found
 
 
 def _ways(
-    assign: Assignment, robot: str
+    assignment: Assignment, robot: str
 ) -> tuple[set[tuple[Configuration, Configuration]], Configuration]:
     """Return from where to where a robot drives for its jobs, and where it is when all are done."""
-    snapshot, found = assign.guess.snapshot, set[tuple[Configuration, Configuration]]()
+    snapshot, found = assignment.guess.snapshot, set[tuple[Configuration, Configuration]]()
     here = snapshot.configurations[snapshot.initial[robot]]
-    for j, k in assign.tours[robot]:
-        option = assign.jobs.options[j][k]
+    for j, k in assignment.tours[robot]:
+        option = assignment.jobs.options[j][k]
         found |= {(here, option.entry), *option.legs}
         here = option.exit
     return found, here
 
 
 def _ways_between(
-    assign: Assignment, robot: str
+    assignment: Assignment, robot: str
 ) -> tuple[set[tuple[Configuration, Configuration]], set[Configuration]]:
     """Return from where to where a robot may drive for its jobs, in whatever order it comes by the
     stops of those that it may have under way at once, and where it may be when all are done.
     """
-    found, last = _ways(assign, robot)
-    many = assign.guess.duties.loads.get(robot, 1)
+    found, last = _ways(assignment, robot)
+    many = assignment.guess.duties.loads.get(robot, 1)
     if many == 1:
         return found, {last}
-    start = assign.guess.snapshot.configurations[assign.guess.snapshot.initial[robot]]
-    stops = [{*assign.jobs.options[j][k].stops} for j, k in assign.tours[robot]]
+    start = assignment.guess.snapshot.configurations[assignment.guess.snapshot.initial[robot]]
+    stops = [{*assignment.jobs.options[j][k].stops} for j, k in assignment.tours[robot]]
     for at, mine in enumerate(stops):
         near = set().union(*stops[at : at + many + 1])
         found |= {pair for a in mine for b in near - {a} for pair in ((a, b), (b, a))}
@@ -313,24 +316,24 @@ def _ways_between(
     return found, set().union({last}, *stops[-many:])
 
 
-def state_order(problem: SchedulingMotionProblem, assign: Assignment) -> None:
-    """State in a thinned problem that everything is done as it was dealt out, in that order. Of
+def state_order(problem: SchedulingMotionProblem, assignment: Assignment) -> None:
+    """State in a thinned problem that everything is done as assigned, in that order. Of
     jobs that a robot may have under way at once, the scheduler finds the order.
     """
     manager = problem.environment.expression_manager
-    activities, home = {a.name: a for a in problem.activities}, assign.drives_home()
-    for robot, tour in assign.tours.items():
-        many, shares = assign.guess.duties.loads.get(robot, 1), list[list[Activity]]()
+    activities, home = {a.name: a for a in problem.activities}, assignment.drives_home()
+    for robot, tour in assignment.tours.items():
+        many, steps = assignment.guess.duties.loads.get(robot, 1), list[list[Activity]]()
         for at, (j, k) in enumerate(tour):
-            option = assign.jobs.options[j][k]
+            option = assignment.jobs.options[j][k]
             names = sorted(option.members | option.extras)
             names += [home[robot]] if robot in home and at == len(tour) - 1 else []
             mine = [activities[n] for n in names if n in activities]
-            before = [*itertools.chain(*shares[max(at - 2 * many + 1, 0) : max(at - many + 1, 0)])]
+            before = [*itertools.chain(*steps[max(at - 2 * many + 1, 0) : max(at - many + 1, 0)])]
             for a in mine:
                 problem.add_constraint(a.present)
                 for earlier in before:
                     problem.add_constraint(
                         manager.LE(earlier.end, a.start), [earlier.present, a.present]
                     )
-            shares.append(mine)
+            steps.append(mine)

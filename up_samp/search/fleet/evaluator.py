@@ -72,13 +72,13 @@ class AssignmentEvaluator:
         return {r: (float(end), float(late)) for r, (end, late) in found if r in tours}
 
     def length(self, tours: Mapping[str, Sequence[Step]]) -> float:
-        """Return how long (s) a share of all jobs takes (see :func:`length_of`)."""
+        """Return how long (s) an assignment of all jobs takes (see :func:`length_of`)."""
         return float(length_of(self._ends(tours), self.rules))
 
     def _ends(self, tours: Mapping[str, Sequence[Step]]) -> FloatArray:
-        return ends_of(self.work(), self.rules, self.shares(tours), len(self._shared))
+        return ends_of(self.work(), self.rules, self.arrays(tours), len(self._shared))
 
-    def shares(self, tours: Mapping[str, Sequence[Step]]) -> TourArrays:
+    def arrays(self, tours: Mapping[str, Sequence[Step]]) -> TourArrays:
         """Return tours as rows of numbers, with room for one job more than there are."""
         rows = np.full((len(self.robots), len(self.jobs.options) + 1), -1)
         counts = np.zeros(len(self.robots), dtype=np.int64)
@@ -88,9 +88,9 @@ class AssignmentEvaluator:
             rows[number, : len(tour)] = [self._first[j] + k for j, k in tour]
         return TourArrays(rows, counts)
 
-    def tours(self, shares: TourArrays) -> dict[str, list[Step]]:
+    def tours(self, arrays: TourArrays) -> dict[str, list[Step]]:
         """Return what tours are whose rows these are."""
-        rows = zip(self.robots, shares.tours, shares.counts, strict=True)
+        rows = zip(self.robots, arrays.tours, arrays.counts, strict=True)
         return {robot: [self._steps[o] for o in row[:count]] for robot, row, count in rows}
 
     def work(self) -> WorkTables:
@@ -220,8 +220,8 @@ class AssignmentEvaluator:
 
     def charging(self, tours: Mapping[str, Sequence[Step]]) -> frozenset[Stop]:
         """Return who has to charge on a tour, with where that may be."""
-        shares, work = self.shares(tours), self.work()
-        rows = enumerate(zip(self.robots, shares.tours, shares.counts, strict=True))
+        arrays, work = self.arrays(tours), self.work()
+        rows = enumerate(zip(self.robots, arrays.tours, arrays.counts, strict=True))
         often = {robot: beside(work, r, *tour)[1] for r, (robot, *tour) in rows}
         some = filter(often.__getitem__, often)
         return frozenset((robot, pose) for robot in some for pose in self._battery(robot).given)

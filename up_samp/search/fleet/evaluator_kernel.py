@@ -114,7 +114,7 @@ class TourArrays(NamedTuple):
 
 
 @kernel
-def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: int) -> FloatArray:
+def ends_of(work: WorkTables, rules: CostWeights, arrays: TourArrays, places: int) -> FloatArray:
     """Return when each robot has done its jobs, and by how much it is late in all (robots, 2).
 
     Whoever comes first to one of ``places`` works there first, or (``at_once``) of those who wait
@@ -122,7 +122,7 @@ def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: in
     ends where another one comes later goes home.
     """
     # to take an array out of a record costs, and in the loop it would be done again and again
-    tours, counts = shares.tours, shares.counts
+    tours, counts = arrays.tours, arrays.counts
     head, place_of, drive, stays, due = work.head, work.place, work.drive, work.stays, work.due
     robots = len(counts)
     found = np.zeros((robots, 2))
@@ -138,9 +138,9 @@ def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: in
     left = np.zeros(robots)  # what each one has to do from its next stop on (s)
     for r in range(robots):
         if counts[r] > 0:
-            coming[r] = _reached(work, shares, r, 0, 0.0)
+            coming[r] = _reached(work, arrays, r, 0, 0.0)
             at[r, 1] = head[tours[r, 0]]
-            left[r] = _left(work, shares, r) if rules.at_once else 0.0
+            left[r] = _left(work, arrays, r) if rules.at_once else 0.0
     while True:
         first = int(np.argmin(coming))
         if coming[first] == np.inf:
@@ -179,24 +179,24 @@ def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: in
             then = tours[r, at[r, 0]]
             at[r, 1] = head[then]
             saved[r] = _together(work, r, option, then) if saved[r] == 0.0 else 0.0
-            coming[r] = _reached(work, shares, r, at[r, 0], done) - saved[r]
+            coming[r] = _reached(work, arrays, r, at[r, 0], done) - saved[r]
             left[r] -= coming[r] - done
         else:
             coming[r] = np.inf
     for r in range(robots):
-        found[r, 0] += _way_home(work, shares, r, last)
+        found[r, 0] += _way_home(work, arrays, r, last)
         found[r, 0] += beside(work, r, tours[r], counts[r])[0]
     return found
 
 
 @inner
-def _left(work: WorkTables, shares: TourArrays, r: int) -> float:
+def _left(work: WorkTables, arrays: TourArrays, r: int) -> float:
     """Return how long (s) a robot's tour takes alone from its first stop on."""
-    tour, seconds = shares.tours[r], 0.0
-    for number in range(shares.counts[r]):
+    tour, seconds = arrays.tours[r], 0.0
+    for number in range(arrays.counts[r]):
         option = tour[number]
         if number > 0:
-            seconds = _reached(work, shares, r, number, seconds)
+            seconds = _reached(work, arrays, r, number, seconds)
         for stop in range(work.head[option], work.head[option + 1]):
             seconds += work.stays[stop] + work.drive[stop]
     return seconds
@@ -216,11 +216,11 @@ def _then(stop_at: IntArray, home: IntArray, head: IntArray, tour: IntArray, at:
 
 
 @inner
-def _way_home(work: WorkTables, shares: TourArrays, r: int, last: IntArray) -> float:
+def _way_home(work: WorkTables, arrays: TourArrays, r: int, last: IntArray) -> float:
     """Return how long (s) a robot drives home that ends where another one was ``last``."""
-    if shares.counts[r] == 0:
+    if arrays.counts[r] == 0:
         return 0.0
-    option = shares.tours[r, shares.counts[r] - 1]
+    option = arrays.tours[r, arrays.counts[r] - 1]
     place, home = work.place[work.head[option + 1] - 1], work.home[option]
     goes = home >= 0.0 and place >= 0 and last[place] != r
     seconds: float = home if goes else 0.0
@@ -268,10 +268,10 @@ def _of_one_crew(work: WorkTables, tour: IntArray, count: int) -> float:
 
 
 @inner
-def _reached(work: WorkTables, shares: TourArrays, r: int, number: int, since: float) -> float:
+def _reached(work: WorkTables, arrays: TourArrays, r: int, number: int, since: float) -> float:
     """Return when a robot comes to an option of its tour that has done all before it."""
-    entry = work.entry[shares.tours[r, number]]
-    here = work.start[r] if number == 0 else work.exit[shares.tours[r, number - 1]]
+    entry = work.entry[arrays.tours[r, number]]
+    here = work.start[r] if number == 0 else work.exit[arrays.tours[r, number - 1]]
     reached: float = since + work.rides[work.kind[r], here, entry]
     return reached
 
@@ -302,8 +302,8 @@ def _longest(ends: FloatArray, rules: CostWeights) -> float:
 
 @inner
 def _weight(ends: FloatArray, rules: CostWeights, unit: float) -> float:
-    """Return what a share of all jobs costs, by tours of a ``unit`` (s): high powers of seconds
-    would be beyond all numbers.
+    """Return what an assignment of all jobs costs, by tours of a ``unit`` (s): high powers of
+    seconds would be beyond all numbers.
     """
     total = 0.0
     for r in range(len(ends)):
@@ -312,9 +312,9 @@ def _weight(ends: FloatArray, rules: CostWeights, unit: float) -> float:
 
 
 @inner
-def _least(work: WorkTables, rules: CostWeights, shares: TourArrays, r: int, unit: float) -> float:
+def _least(work: WorkTables, rules: CostWeights, arrays: TourArrays, r: int, unit: float) -> float:
     """Return what a robot's tour costs at least, however long it waits for others."""
-    end = _alone(work, rules, r, shares.tours[r], shares.counts[r])
+    end = _alone(work, rules, r, arrays.tours[r], arrays.counts[r])
     least: float = (_BELOW * end / unit) ** rules.steep
     return least
 
@@ -339,12 +339,12 @@ def _alone(work: WorkTables, rules: CostWeights, r: int, tour: IntArray, count: 
 
 
 @kernel
-def insert(work: WorkTables, rules: CostWeights, shares: TourArrays, job: int) -> int:
+def insert(work: WorkTables, rules: CostWeights, arrays: TourArrays, job: int) -> int:
     """Give a job to who has done everything soonest then, and return who that is."""
     best, gain, who, what, where = np.inf, np.inf, -1, -1, -1
     for o in range(work.first[job], work.first[job + 1]):
         r = work.robot[o]
-        tour, count = shares.tours[r], shares.counts[r]
+        tour, count = arrays.tours[r], arrays.counts[r]
         before = _alone(work, rules, r, tour, count)
         for at in range(count + 1):
             longer = _with(tour, count, at, o)
@@ -352,8 +352,8 @@ def insert(work: WorkTables, rules: CostWeights, shares: TourArrays, job: int) -
             sooner = end < best or (end == best and end - before < gain)
             if sooner or (end == best and end - before == gain and r < who):
                 best, gain, who, what, where = end, end - before, r, o, at
-    shares.tours[who] = _with(shares.tours[who], shares.counts[who], where, what)
-    shares.counts[who] += 1
+    arrays.tours[who] = _with(arrays.tours[who], arrays.counts[who], where, what)
+    arrays.counts[who] += 1
     return who
 
 
@@ -386,18 +386,18 @@ def _drawn(draw: float, many: int) -> int:
 
 
 @inner
-def _change(work: WorkTables, shares: TourArrays, draws: FloatArray) -> tuple[int, int]:
+def _change(work: WorkTables, arrays: TourArrays, draws: FloatArray) -> tuple[int, int]:
     """Let a random job be done at another time, by another, or for another, or two robots exchange
     all that they do from some job on; return whose tours that changes (the same twice: one;
     negative: nothing was changed).
     """
-    tours, counts = shares.tours, shares.counts
+    tours, counts = arrays.tours, arrays.counts
     full = np.nonzero(counts > 0)[0]
     if len(full) == 0:
         return -1, -1
     one = full[_drawn(draws[0], len(full))]
     if draws[9] < _ENDS:
-        return _ends_exchanged(work, shares, one, draws)
+        return _ends_exchanged(work, arrays, one, draws)
     step = tours[one, _drawn(draws[1], counts[one])]
     job = work.of[step]
     option = work.first[job] + _drawn(draws[2], work.first[job + 1] - work.first[job])
@@ -425,13 +425,13 @@ def _change(work: WorkTables, shares: TourArrays, draws: FloatArray) -> tuple[in
 
 @inner
 def _ends_exchanged(
-    work: WorkTables, shares: TourArrays, one: int, draws: FloatArray
+    work: WorkTables, arrays: TourArrays, one: int, draws: FloatArray
 ) -> tuple[int, int]:
     """Let a robot and a random other one exchange the ends of their tours (2-opt* of vehicle
     routing; Potvin and Rousseau 1995), or all of them; return both (negative: nothing was changed,
     as somebody cannot do a job of the other one's).
     """
-    tours, counts = shares.tours, shares.counts
+    tours, counts = arrays.tours, arrays.counts
     other = _drawn(draws[1], len(counts))
     whole = draws[4] < _WHOLE
     first = 0 if whole else _drawn(draws[2], counts[one] + 1)
@@ -463,7 +463,7 @@ def _as_done_by(work: WorkTables, robot: int, tour: IntArray) -> IntArray:
 
 @kernel
 def length_of(ends: FloatArray, rules: CostWeights) -> float:
-    """Return how long (s) a share of all jobs takes, as it is annealed: hardly more than its
+    """Return how long (s) an assignment of all jobs takes, as it is annealed: hardly more than its
     longest tour where ends are ``steep``, and what is late counts more.
     """
     unit = _longest(ends, rules)

@@ -34,9 +34,8 @@ from up_samp.upio import Itinerary, read_itinerary
 from up_samp.upio.restrict import restrict
 
 # candidates of the usual search
-MANY, _SHARE = 14, 0.6
-"""Motions that may meet, from which on a candidate's motions are not first tried as scheduled; and
-the share of the remaining time that they get."""
+MANY = 14
+"""Motions that may meet, from which on a candidate's motions are not first tried as scheduled."""
 # first tours
 _ROUNDS, _FEW_ROUNDS = 16, 6
 """In which all tours are decided: those of a large problem's first plan, and a candidate's."""
@@ -56,17 +55,16 @@ _HOPED = 1.1
 longer.
 """
 _WARMTHS = 0.3, 0.1, 0.1, 0.1, 0.1
-"""Of the annealing of shares of the jobs, one after the other, as a share of the usual warmth; the
+"""Of the annealing of assignments, one after the other, as a share of the usual warmth; the
 best one of them is tried."""
 _LOOKS = 3
-"""Times that such shares are looked for, as long as none is expected to be done as soon as the best
-tours."""
+"""Times that such assignments are looked for, as long as none is expected to be done as soon as the
+best tours."""
 _STEEP = 60.0
 """Power of a tour's end that counts in those: hardly any but the last one does."""
 _LONGER = 0.035, 0.016, 0.008, 0.0
-"""Of the best tours' makespan: by so much tours of another share may be longer at first, and each
-time that motions have looked for ways past each other.
-"""
+"""Of the best tours' makespan: by so much tours of another assignment may be longer at first, and
+each time that motions have looked for ways past each other."""
 
 
 def plan_tours(
@@ -104,7 +102,7 @@ def in_order(search: Search, itinerary: Itinerary) -> Incumbent | None:
     """
     if max((len(g) for g in groups_of(itinerary.motions)), default=0) < MANY:
         return None
-    return _in_few_rounds(search, itinerary, search.budget.share(_SHARE, float("inf")))
+    return _in_few_rounds(search, itinerary, search.budget.part("candidates of many motions"))
 
 
 def in_order_at_last(search: Search, schedule: CandidateSchedule, check: Check) -> Incumbent | None:
@@ -212,14 +210,14 @@ def _sooner(stuck: str, first: Sequence[str]) -> list[str]:
 
 Move = Callable[["FleetLNS", Deadline], FleetSolution | None]
 OpenTours = Callable[[Assignment, Deadline], TourPlanner | None]
-"""Opens tours of what was dealt out, with nothing decided; None where they cannot be."""
+"""Opens tours of an assignment, with nothing decided; None where they cannot be."""
 
 
 @dataclass
 class FleetLNS:
     """The best tours so far of a fleet, and the search for better ones."""
 
-    dealt: Assignment
+    assignment: Assignment
     tours: TourPlanner
     best: FleetSolution
     open_tours: OpenTours
@@ -229,10 +227,10 @@ class FleetLNS:
     looked: FleetSolution | None = None
     """Tours whose motions have looked for ways past each other."""
     tried: list[Mapping[str, Sequence[Step]]] = field(default_factory=list)
-    """Shares of the jobs whose tours were decided."""
+    """Assignments whose tours were decided."""
 
     def __post_init__(self) -> None:
-        self.tried.append(self.dealt.tours)
+        self.tried.append(self.assignment.tours)
 
     def improved(self, over: Callable[[], bool], deadline: Deadline) -> Iterator[FleetSolution]:
         """Yield tours that are over sooner than all before, until it is ``over`` or many changes in
@@ -240,7 +238,7 @@ class FleetLNS:
         """
         self.tours.learn_ways_past(deadline)  # those of a plan may be all that is known
         yield from self.changed(over, deadline, (right_of_way,), 1)
-        yield from self.changed(over, deadline, MOVES, self.dealt.tuning.stale)
+        yield from self.changed(over, deadline, MOVES, self.assignment.tuning.stale)
 
     def changed(
         self, over: Callable[[], bool], deadline: Deadline, moves: Sequence[Move], stale: int
@@ -265,7 +263,7 @@ class FleetLNS:
 
     def cost(self, decided: FleetSolution) -> tuple[int, float]:
         """Return the makespan of tours, and what they are worth on the whole."""
-        return decided.cost(self.dealt.rehearsal.rules.steep)
+        return decided.cost(self.assignment.evaluator.rules.steep)
 
     @property
     def makespan(self) -> int:
@@ -280,9 +278,9 @@ def right_of_way(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
     """Who goes first, and on which of the known ways, decided anew for all at once: at first so
     that they are not much longer than expected, which leaves far less to decide.
     """
-    dealt, known = search.dealt, search.best.driven()
-    expected = max(end for end, _ in dealt.rehearsal.ends(dealt.tours).values())
-    hoped = int(_HOPED * expected / dealt.guess.snapshot.seconds_per_unit)
+    assignment, known = search.assignment, search.best.driven()
+    expected = max(end for end, _ in assignment.evaluator.ends(assignment.tours).values())
+    hoped = int(_HOPED * expected / assignment.guess.snapshot.seconds_per_unit)
     limits = sorted({min(hoped, search.makespan), search.makespan})
     found = (search.tours.coordinated(known, limit, deadline) for limit in limits)
     return next(filter(None, found), None)
@@ -296,13 +294,13 @@ def ways_past(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
     return search.tours.past_each_other(search.best, search.makespan, deadline)
 
 
-def deal_again(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
-    """All jobs dealt out anew with what is known now of drives and of handovers at shared places;
+def reassign(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
+    """All jobs assigned anew with what is known now of drives and of handovers at shared places;
     all tours are decided at once.
     """
-    usual, guess = search.dealt.rehearsal, search.dealt.guess
+    usual, guess = search.assignment.evaluator, search.assignment.guess
     gaps = search.tours.handovers(search.best) or [usual.rules.handover]
-    guess.ask_handovers(search.dealt.handovers(), deadline)
+    guess.ask_handovers(search.assignment.handovers(), deadline)
     rules = usual.rules._replace(steep=_STEEP, at_once=True)
     known = replace(usual, rules=rules, exact=True)
     found = _promising(search, known, deadline)
@@ -311,20 +309,20 @@ def deal_again(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
     search.tried.append(found.tours)
     least = replace(usual, rules=usual.rules._replace(handover=gaps[0])).ends(found.tours).values()
     search.without_traffic = min(search.without_traffic, max(end for end, _ in least))
-    again = replace(found, rehearsal=usual)
+    again = replace(found, evaluator=usual)
     tours = search.open_tours(again, deadline)
     # ways past each other are known now
     guess.ask_handovers(found.handovers(), deadline, again=True)
     decided = None if tours is None else _at_once(search, tours, deadline)
     if tours is None or decided is None or search.cost(decided) > search.cost(search.best):
         return None
-    search.tours, search.dealt = tours, again
+    search.tours, search.assignment = tours, again
     return decided
 
 
 def _at_once(search: FleetLNS, tours: TourPlanner, deadline: Deadline) -> FleetSolution | None:
-    """Return tours of another share, decided at once, again with ways of motions past each other as
-    long as they are longer than the best ones; None where they stay much longer.
+    """Return tours of another assignment, decided at once, again with ways of motions past each
+    other as long as they are longer than the best ones; None where they stay much longer.
     """
     limits = [int(search.makespan * (1.0 + longer)) for longer in _LONGER]
     found = tours.coordinated({}, limits[0], deadline)
@@ -338,37 +336,37 @@ def _at_once(search: FleetLNS, tours: TourPlanner, deadline: Deadline) -> FleetS
 def _promising(
     search: FleetLNS, expected: AssignmentEvaluator, deadline: Deadline
 ) -> Assignment | None:
-    """Return the best by what is ``expected`` of some shares of the jobs that were not tried yet,
+    """Return the best by what is ``expected`` of some assignments that were not tried yet,
     each near the one before; None where none are found.
     """
-    share, found = search.dealt, list[Assignment]()
+    near, found = search.assignment, list[Assignment]()
     for _ in range(_LOOKS):
         for warmth in _WARMTHS:
-            share = _other(share, expected, search.rng, warmth, deadline)
-            if share.tours not in search.tried:
-                found.append(share)
-        usual = expected.rules._replace(handover=_usual(share.guess, expected.rules))
-        rehearsal = replace(expected, rules=usual)
-        best = min(found, key=lambda share: rehearsal.length(share.tours), default=None)
-        soon = rehearsal.length(search.dealt.tours)
-        if best is None or deadline.expired() or rehearsal.length(best.tours) < soon:
+            near = _other(near, expected, search.rng, warmth, deadline)
+            if near.tours not in search.tried:
+                found.append(near)
+        usual = expected.rules._replace(handover=_usual(near.guess, expected.rules))
+        evaluator = replace(expected, rules=usual)
+        best = min(found, key=lambda one: evaluator.length(one.tours), default=None)
+        soon = evaluator.length(search.assignment.tours)
+        if best is None or deadline.expired() or evaluator.length(best.tours) < soon:
             break
     return best
 
 
 def _other(
-    share: Assignment,
+    near: Assignment,
     expected: AssignmentEvaluator,
     rng: random.Random,
     warmth: float,
     deadline: Deadline,
 ) -> Assignment:
-    """Return another share of the jobs near one, by what is ``expected`` of them."""
+    """Return another assignment near one, by what is ``expected`` of them."""
     # handovers of which nothing is known may be as short as any: so some of them are looked at
-    known = share.guess.handovers
-    least, usual = min(known.values(), default=0.0), _usual(share.guess, expected.rules)
+    known = near.guess.handovers
+    least, usual = min(known.values(), default=0.0), _usual(near.guess, expected.rules)
     rules = expected.rules._replace(handover=rng.uniform(least, 2 * usual - least))
-    asked = replace(share, rehearsal=replace(expected, rules=rules))
+    asked = replace(near, evaluator=replace(expected, rules=rules))
     return mended(exchanged(asked, rng, deadline, warmth=warmth, another=True), rng, deadline)
 
 
@@ -377,4 +375,4 @@ def _usual(guess: TravelTimeModel, rules: CostWeights) -> float:
     return statistics.fmean(guess.handovers.values() or [rules.handover])
 
 
-MOVES: tuple[Move, ...] = (ways_past, deal_again)
+MOVES: tuple[Move, ...] = (ways_past, reassign)

@@ -23,7 +23,7 @@ from up_samp.model import (
 from up_samp.model.graphs import reached
 from up_samp.motion.fleet.reservations import ReservationTable
 from up_samp.motion.fleet.timed_path import TimedPath
-from up_samp.scheduling.compilers.translate import read_problem as read_plain
+from up_samp.scheduling.compilers.translate import read_plain
 from up_samp.scheduling.partial_order import Difference, Earliest, Planned, orders_of
 from up_samp.scheduling.partial_order.differences import HORIZON, ZERO
 from up_samp.search.fleet.right_of_way import Driven

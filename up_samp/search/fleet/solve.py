@@ -32,6 +32,7 @@ from up_samp.model import (
 from up_samp.model.graphs import grouped
 from up_samp.model.snapshot import Snapshot
 from up_samp.motion.fleet.reservations import ReservationTable
+from up_samp.search.budget import PARTS
 from up_samp.search.conclusion import (
     SearchResult,
     conclude,
@@ -44,9 +45,9 @@ from up_samp.search.facts import Choices, MotionCase
 from up_samp.search.fleet.assignment import (
     Assignment,
     assign,
+    assignment_of_plan,
     decided_by,
     in_stated_order,
-    share_of_plan,
     state_order,
 )
 from up_samp.search.fleet.duties import duties_of
@@ -65,19 +66,14 @@ from up_samp.tuning import Tuning
 from up_samp.upio import Itinerary, read_itinerary
 from up_samp.upio.restrict import thinned
 
-_SHARE = 0.6
-"""Of all time, for a first plan by dealing out jobs (then the usual search has its turn); and of
-what is left after it, for better tours. More in problems that are much larger."""
-_DEALING = 0.3
-"""Of the time that is left for a first plan, for dealing jobs out once."""
-_TURN = 0.6
-"""Of what is left of that, for one share of the jobs (more again)."""
+_MOST = 8
+"""Assignments that are tried, until there is a plan."""
 _UNSCHEDULED = 2
-"""Shares of the jobs without any schedule, or where doors are moved without a plan, after which
-jobs are not dealt out.
+"""Assignments without any schedule, or where doors are moved without a plan, after which no more
+are made.
 """
 _SLOWER = 0.2
-"""By which traffic is expected to take longer from share to share."""
+"""By which traffic is expected to take longer from assignment to assignment."""
 Arrival = tuple[Body, Configuration]
 """A body, and where it comes to."""
 OpenThin = Callable[[SchedulingMotionProblem, Deadline], Search]
@@ -111,20 +107,20 @@ class LargeProblem:
         """Whether things are moved (doors are opened) by what belongs to no job."""
         return not {change.activity for change in self.snapshot.changes} <= {*self.jobs.of_members}
 
-    def nearly_all(self, share: float) -> float:
-        """Return a share of the time, the nearer to all of it the larger the problem is: another
-        share of the jobs takes as long again, and the usual search is lost in tens of thousands of
-        activities.
+    def part(self, deadline: Deadline, name: str) -> Deadline:
+        """Return the deadline of one of the parts of a search, the nearer to all of the time the
+        larger the problem is: another assignment takes as long again, and the usual search is lost
+        in tens of thousands of activities.
         """
         optional = sum(a.optional for a in self.problem.activities)
-        return 1.0 - (1.0 - share) * self.tuning.large / optional
+        return deadline.share(1.0 - (1.0 - PARTS[name][0]) * self.tuning.large / optional)
 
 
 def solve_large(
     large: LargeProblem, search: Search, optimal: bool
 ) -> Generator[Incumbent, None, SearchResult]:
-    """Solve a large problem: plans by dealing out jobs, better and better ones if that is asked
-    for, then the search as for any other problem, from the best one on.
+    """Solve a large problem: plans by assigning jobs, better and better ones if that is asked for,
+    then the search as for any other problem, from the best one on.
     """
     if not all(map(can_be_done(search), large.jobs.options)):
         return (yield from solve(search, optimal=optimal))  # it tells why there is no plan
@@ -132,16 +128,16 @@ def solve_large(
     undoable = conclude_undoable(search)
     if undoable is not None:
         return undoable
-    first = search.budget.share(large.nearly_all(_SHARE), float("inf"))
+    first = large.part(search.budget.deadline, "tours of a large problem")
     search.tell.stage(Phase.PREPARE, "who does which job", len(large.jobs.options))
     found: Found | None = None
     failed = 0
-    for dealt in deals_of(search, large, first):
+    for assignment in assignments_of(search, large, first):
         with search.history.stages.of(BUILDING):
-            deadline = first.within(large.nearly_all(_TURN) * first.remaining())
-            opened = candidate_of(large, dealt, deadline, search.start)
+            deadline = large.part(first, "one assignment")
+            opened = candidate_of(large, assignment, deadline, search.start)
             if opened is not None:
-                found = plan_of_deal(search, large, dealt, opened, deadline)
+                found = plan_of_assignment(search, large, assignment, opened, deadline)
         failed += opened is None or large.doors
         if found is not None or first.expired() or failed >= _UNSCHEDULED:
             break
@@ -185,25 +181,25 @@ def can_be_done(search: Search) -> Callable[[Sequence[WorkMode]], bool]:
     return lambda options: any(map(may_do, options))
 
 
-def deals_of(search: Search, large: LargeProblem, deadline: Deadline) -> Iterator[Assignment]:
-    """Yield shares of the jobs: that of a plan to begin from, if there is one, the best one found,
-    then others, more and more careful about what is due.
+def assignments_of(search: Search, large: LargeProblem, deadline: Deadline) -> Iterator[Assignment]:
+    """Yield assignments of the jobs: that of a plan to begin from, if there is one, the best one
+    found, then others, more and more careful about what is due.
     """
     guess, rules = guess_of(search, large), CostWeights()
     earlier = earlier_jobs(large.problem, large.jobs)
     if search.start is not None:
-        rehearsal = AssignmentEvaluator(guess, large.jobs, rules)
-        soon = deadline.within(_DEALING * deadline.remaining())
-        share = share_of_plan(search.start, rehearsal, soon, large.tuning)
-        yield in_stated_order(share, earlier, large.jobs.crews)
-    for number in range(large.tuning.deals):
+        evaluator = AssignmentEvaluator(guess, large.jobs, rules)
+        soon = deadline.share(*PARTS["who does which job"])
+        found = assignment_of_plan(search.start, evaluator, soon, large.tuning)
+        yield in_stated_order(found, earlier, large.jobs.crews)
+    for number in range(_MOST):
         # who was late was guessed to be too quick
         careful = rules._replace(traffic=rules.traffic * (1.0 + _SLOWER * number))
         rng = random.Random(search.seed + number)
-        soon = deadline.within(_DEALING * deadline.remaining())
-        rehearsal = AssignmentEvaluator(guess, large.jobs, careful)
-        share = assign(rehearsal, soon, rng, large.tuning)
-        yield in_stated_order(share, earlier, large.jobs.crews)
+        soon = deadline.share(*PARTS["who does which job"])
+        evaluator = AssignmentEvaluator(guess, large.jobs, careful)
+        found = assign(evaluator, soon, rng, large.tuning)
+        yield in_stated_order(found, earlier, large.jobs.crews)
 
 
 def guess_of(search: Search, large: LargeProblem) -> TravelTimeModel:
@@ -254,32 +250,32 @@ Found = tuple[Incumbent, FleetLNS]
 """A valid plan made of tours, and how to make it better."""
 
 
-def plan_of_deal(
+def plan_of_assignment(
     search: Search,
     large: LargeProblem,
-    dealt: Assignment,
+    assignment: Assignment,
     opened: tuple[Search, Itinerary],
     deadline: Deadline,
 ) -> Found | None:
-    """Return a valid plan of the whole problem in which everybody does what was dealt out.
+    """Return a valid plan of the whole problem in which everybody does what is assigned.
 
-    :param opened: the search on what was dealt out, and its candidate.
+    :param opened: the search on the problem thinned to the assignment, and its candidate.
     """
     inner, itinerary = opened
-    homes = homes_of(large.problem, dealt)
+    homes = homes_of(large.problem, assignment)
     # what was a plan may be none any more
     for known in (search.driven, {}) if search.driven else ({},):
         found = plan_tours(inner, itinerary, deadline, homes=homes, known=known)
         plan = None if found is None else plan_of_tours(search, found[1])
         if found is not None and plan is not None:
             rng, again = random.Random(search.seed), partial(open_tours, large)
-            return plan, FleetLNS(dealt, *found, again, rng)
+            return plan, FleetLNS(assignment, *found, again, rng)
     return None
 
 
 def plan_of_tours(search: Search, decided: FleetSolution) -> Incumbent | None:
-    """Return a valid plan of the whole problem from tours: lean, or else with all that was dealt
-    out.
+    """Return a valid plan of the whole problem from tours: lean, or else with all that is
+    assigned.
     """
     plan = search.plan_of(decided.lean(), decided.trajectories())
     if not search.judged(plan.plan):
@@ -291,46 +287,46 @@ def plan_of_tours(search: Search, decided: FleetSolution) -> Incumbent | None:
     return None if search.judged(plan.plan) else plan
 
 
-def homes_of(problem: SchedulingMotionProblem, dealt: Assignment) -> frozenset[str]:
+def homes_of(problem: SchedulingMotionProblem, assignment: Assignment) -> frozenset[str]:
     """Return the drives out of the way of others, which nobody needs otherwise: no job does, they
     need not happen, nor has whoever makes them to be anywhere in the end.
     """
-    jobs, snapshot = dealt.jobs, dealt.guess.snapshot
+    jobs, snapshot = assignment.jobs, assignment.guess.snapshot
     needed = {a.name for a in problem.activities if not a.optional}.union(*jobs.needs.values())
-    drives = map(snapshot.by_object.get, dealt.guess.duties.ends)
+    drives = map(snapshot.by_object.get, assignment.guess.duties.ends)
     needed |= {task.activity for some in filter(None, drives) for task in some}
     extras = frozenset(n for options in jobs.options for o in options for n in o.extras)
-    return (extras | {*dealt.drives_home().values()}) - needed
+    return (extras | {*assignment.drives_home().values()}) - needed
 
 
 def candidate_of(
     large: LargeProblem,
-    dealt: Assignment,
+    assignment: Assignment,
     deadline: Deadline,
     start: CandidateSchedule | None = None,
 ) -> tuple[Search, Itinerary] | None:
-    """Return a search on the problem thinned to what was dealt out, and its candidate: with what it
+    """Return a search on the problem thinned to an assignment, and its candidate: with what it
     takes for who has to charge, or with all that may be done beside where nothing comes of that, or
     where there are doors: nobody knows yet who opens them, and has to charge for that.
 
     :param start: what the scheduler begins from, so that of drives that are alike its are made.
     """
-    charging = dealt.rehearsal.charging(dealt.tours)
+    charging = assignment.evaluator.charging(assignment.tours)
     some = dict.fromkeys((large.beside,) if large.doors else (charging, large.beside))
-    found = (_candidate(large, dealt, deadline, beside, start) for beside in some)
+    found = (_candidate(large, assignment, deadline, beside, start) for beside in some)
     return next(filter(None, found), None)
 
 
 def _candidate(
     large: LargeProblem,
-    dealt: Assignment,
+    assignment: Assignment,
     deadline: Deadline,
     beside: frozenset[Stop],
     start: CandidateSchedule | None,
 ) -> tuple[Search, Itinerary] | None:
     names = [a.name for a in large.problem.activities]
-    problem = thinned(large.problem, decided_by(dealt, names, beside))
-    state_order(problem, dealt)
+    problem = thinned(large.problem, decided_by(assignment, names, beside))
+    state_order(problem, assignment)
     inner = large.open_thin(problem, deadline)
     inner.start = start
     try:
@@ -350,10 +346,14 @@ def _candidate(
     return inner, read_itinerary(inner.knowledge.relaxation, schedule)
 
 
-def open_tours(large: LargeProblem, dealt: Assignment, deadline: Deadline) -> TourPlanner | None:
-    """Return the tours of what was dealt out, none of them decided."""
-    opened = candidate_of(large, dealt, deadline)
-    tours = None if opened is None else undecided_tours(*opened, homes_of(large.problem, dealt))
+def open_tours(
+    large: LargeProblem, assignment: Assignment, deadline: Deadline
+) -> TourPlanner | None:
+    """Return the tours of an assignment, none of them decided."""
+    opened = candidate_of(large, assignment, deadline)
+    tours = (
+        None if opened is None else undecided_tours(*opened, homes_of(large.problem, assignment))
+    )
     if tours is not None:
         tours.learn_ways_past(deadline)
     return tours
@@ -363,14 +363,14 @@ def improve(search: Search, large: LargeProblem, better: FleetLNS) -> Iterator[I
     """Yield better plans made of tours, until the time is over that there is for it."""
     budget = search.budget
     # each better plan gives all that comes after it the time to bring another one
-    deadline = budget.whole.within(large.nearly_all(_SHARE) * budget.whole.remaining())
+    deadline = large.part(budget.whole, "tours of a large problem")
 
     def over() -> bool:
         return deadline.expired() or budget.deadline.expired() or search.stopped
 
     changes = better.improved(over, deadline)
     while not (search.bounds.met or search.stopped):
-        before = better.dealt, better.tours, better.best
+        before = better.assignment, better.tours, better.best
         with search.history.stages.of(BUILDING):
             decided = next(changes, None)
         if better.without_traffic < math.inf:
@@ -379,7 +379,7 @@ def improve(search: Search, large: LargeProblem, better: FleetLNS) -> Iterator[I
             return
         plan = plan_of_tours(search, decided)
         if plan is None:  # no plan is better than these tours, and none comes of them
-            better.dealt, better.tours, better.best = before
+            better.assignment, better.tours, better.best = before
         kept = keep_if_better(search, plan)
         if kept is not None:
             yield kept

@@ -1,1 +1,1 @@
-"""Lower bounds of large problems: all jobs shared by all robots as evenly as can be."""
+"""Lower bounds of large problems: all jobs assigned to robots as evenly as can be."""

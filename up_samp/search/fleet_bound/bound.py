@@ -28,9 +28,9 @@ from up_samp.search.fleet.jobs import Jobs, WorkMode
 from up_samp.search.fleet_bound.work import JobMode, JobWork, Leg, items_of
 from up_samp.search.search import Search
 
-# ------------------ A lower bound from jobs: what has to be done at least, shared by all robots
+# ------------------ A lower bound from jobs: what has to be done at least, by all robots together
 # Each job is done by one of its options, and a robot drives one way at a time. So no plan is
-# shorter than what all jobs take their robots, shared as evenly as can be, nor than what any one
+# shorter than what all jobs take their robots, assigned as evenly as can be, nor than what any one
 # of them takes its quickest robot. A robot comes to a job from one of the places where it may be
 # then; where whatever brings it to a place has a drive of its own away from there, no other drive
 # begins there (there would be more departures than arrivals). Who comes from anywhere else begins
@@ -59,28 +59,28 @@ class JobsBound:
         self._work = JobWork(problem, facts, service, jobs)
         self._ways = self._work.ways(counted)
         self._stops: dict[Body, frozenset[str]] = {}
-        self._shared, self._comings = self._ways, self._work.comings(called(self._ways))
+        self._modes, self._comings = self._ways, self._work.comings(called(self._ways))
         called_for = any(way.goal for way in self._ways)
         items = None if called_for else items_of(problem, jobs, self._work, counted)
         if items is not None:  # it may drive anywhere in between
-            self._shared, self._comings = items, {}
+            self._modes, self._comings = items, {}
             self._stops = {way.body: self._work.stops(way.kind) for way in items}
         parts = (jobs, counted) if items is None else None
         self._since = 0
-        self._last = final_occupancy(self._work, facts.snapshot, service, self._shared, parts)
+        self._last = final_occupancy(self._work, facts.snapshot, service, self._modes, parts)
 
     def absolute(self, deadline: Deadline) -> int:
         """Return units that no plan can beat."""
-        return 0 if not self._ways else _rounded(self._share(deadline)[0])
+        return 0 if not self._ways else _rounded(self._least_units(deadline)[0])
 
     def relative(self, deadline: Deadline) -> Iterator[int]:
         """Yield units that no plan can beat whose drives are no faster than the planner's own: the
-        planner is asked for those drives that the best share of the jobs is made of, again and
+        planner is asked for those drives that the most even assignment is made of, again and
         again, until it is made of these.
         """
         asked: set[Leg] = set()
         while self._ways and not deadline.expired():
-            units, legs = self._share(deadline)
+            units, legs = self._least_units(deadline)
             yield _rounded(units)
             todo = sorted(legs - asked, key=lambda leg: (leg[1:], repr(leg[0])))
             todo = todo[: _DRIVES - len(asked)]
@@ -103,26 +103,26 @@ class JobsBound:
             units = self._facts.units(report.trajectory.duration)
             self._work.take(leg, units, over=self._stops.get(body, frozenset()))
 
-    def _share(self, deadline: Deadline) -> LoadBalance:
+    def _least_units(self, deadline: Deadline) -> LoadBalance:
         """Return what no plan can beat, with the drives that this hangs on."""
         work = self._work
-        shared, drives = self._even(deadline)
+        balanced, drives = self._balanced(deadline)
         costs = _least((way.job, (way.least(work.units), ())) for way in self._ways)
-        soonest = _least((way.job, work.alone(way)) for way in self._shared)
+        soonest = _least((way.job, work.alone(way)) for way in self._modes)
         even = sum(units for units, _ in costs) / len(work.robots)
-        most = max(shared, even, *(units for units, _ in (*costs, *soonest)))
+        most = max(balanced, even, *(units for units, _ in (*costs, *soonest)))
         legs = {leg for units, some in soonest if units >= most - ROUNDING for leg in some}
         return most, drives | legs
 
-    def _even(self, deadline: Deadline) -> LoadBalance:
-        """Return what robots that share all work as evenly as they can take at least, by one bound
-        after the other.
+    def _balanced(self, deadline: Deadline) -> LoadBalance:
+        """Return what robots take at least, with all work assigned as evenly as can be, by one
+        bound after the other.
         """
         known: LoadBalance | None = None
         while True:
             left, since = deadline.remaining(), self._since
-            found = least_share(
-                self._work, self._shared, self._comings, left, self._last, self._since
+            found = load_balance(
+                self._work, self._modes, self._comings, left, self._last, self._since
             )
             if known is None or found[0] > known[0]:
                 known = found
@@ -343,7 +343,7 @@ def least(legs: Sequence[Leg], units: Callable[[Leg], int]) -> tuple[int, Leg]:
     return min(((units(leg), leg) for leg in legs), key=lambda found: (found[0], found[1][1:]))
 
 
-# ------------------ How soon robots that share all jobs evenly can be done: a linear relaxation
+# ------------------ How soon all jobs are done if assigned evenly: a linear relaxation
 # Each job is done in one way. Robots of a kind leave a place as often as they come there, and
 # once more for each that begins there (the relaxation of routes as a flow); in the end no more of
 # them are at a place than there is room for. All that robots of a kind do takes no longer than the
@@ -358,7 +358,7 @@ def least(legs: Sequence[Leg], units: Callable[[Leg], int]) -> tuple[int, Leg]:
 
 
 LoadBalance = tuple[float, frozenset[Leg]]
-"""Units that no plan is shorter than, and the drives that the share is made of."""
+"""Units that no plan is shorter than, and the drives that the assignment is made of."""
 Comings = Mapping[tuple[int, str], int]
 """What it takes a kind of robots at least to come to a place otherwise than for jobs (units)."""
 
@@ -368,12 +368,12 @@ def called(ways: Sequence[JobMode]) -> set[tuple[int, str]]:
     return {(w.kind, p) for w in ways if w.goal is not None for p in w.origins}
 
 
-def least_share(
+def load_balance(
     work: JobWork,
     ways: Sequence[JobMode],
     comings: Comings,
     seconds: float,
-    last: FinalOccupancy | None = None,
+    last: FinalOccupancy = FinalOccupancy(),
     since: int = 0,
 ) -> LoadBalance:
     """Return a bound on the makespan of all jobs, 0 where there is no time for it.
@@ -383,7 +383,7 @@ def least_share(
     """
     from scipy.optimize import linprog  # half a second, for those who have many jobs
 
-    model = _Model(work, ways, comings, last or FinalOccupancy(), since)
+    model = _Model(work, ways, comings, last, since)
     found = linprog(
         model.costs,
         A_ub=model.less.matrix(len(model.costs)),

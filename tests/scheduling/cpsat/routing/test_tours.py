@@ -33,7 +33,7 @@ from up_samp.scheduling.cpsat.routing.list_scheduling import improve
 from up_samp.scheduling.cpsat.solve import strategy as search
 from up_samp.upio import read_problem, relax
 from up_samp.upio.plan import build_schedule
-from up_samp.upio.write import write_refinement
+from up_samp.upio.write_refinements import write_refinement
 from up_samp.validation import validate_schedule
 
 MAPS = Path(__file__).parents[4] / "examples" / "maps"

@@ -16,7 +16,7 @@ from up_samp.scheduling.cpsat.solve.strategy import STAGES, Solve
 from up_samp.tuning import Tuning
 from up_samp.upio.plan import build_schedule
 from up_samp.upio.read import read_problem
-from up_samp.upio.relaxing import relax
+from up_samp.upio.write_relaxation import relax
 from up_samp.validation import validate_schedule
 
 PLACES = {"h1": (2.5, 3), "h2": (2.5, 13), "a": (9, 3), "b": (9, 13), "c": (19, 12), "d": (25, 4)}

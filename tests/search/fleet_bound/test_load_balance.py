@@ -1,11 +1,11 @@
-"""Jobs shared as evenly as can be, against all ways to share them."""
+"""Jobs assigned as evenly as can be, against all ways to assign them."""
 
 import itertools
 import random
 from collections import Counter
 from types import SimpleNamespace
 
-from up_samp.search.fleet_bound.bound import called, least_share
+from up_samp.search.fleet_bound.bound import called, load_balance
 from up_samp.search.fleet_bound.work import JobMode
 
 
@@ -50,7 +50,7 @@ def tour(work, ways, jobs, robot):
 
 
 def best_share(work, ways, robots):
-    """Return the least makespan of all ways to share the jobs."""
+    """Return the least makespan of all ways to assign the jobs."""
     jobs = sorted({w.job for w in ways})
     best = None
     for whose in itertools.product(range(len(robots)), repeat=len(jobs)):
@@ -68,9 +68,9 @@ def test_no_way_to_share_jobs_is_better_than_the_share():
     shares = []
     for seed in range(60):
         work, ways, robots = random_share(seed)
-        (share, legs) = least_share(work, ways, work.comings, 60.0)
+        (bound, legs) = load_balance(work, ways, work.comings, 60.0)
         best = best_share(work, ways, robots)
-        assert share <= best + 1e-6, seed
+        assert bound <= best + 1e-6, seed
         assert legs
-        shares.append(share / best)
+        shares.append(bound / best)
     assert sum(shares) / len(shares) > 0.6

@@ -16,9 +16,8 @@ import itertools
 import math
 from collections.abc import Mapping
 from functools import partial
-from typing import Any
 
-from unified_planning.model import Effect, Fluent, FNode, Object, Timing
+from unified_planning.model import Effect, FNode, Timing
 from unified_planning.model.mixins.timed_conds_effs import TimedCondsEffs
 from unified_planning.model.motion import MotionActivity, SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity, SchedulingProblem
@@ -40,6 +39,7 @@ from up_samp.upio.expressions import (
     nothing_but_an_instant,
     own_end,
     rewritten,
+    told_by,
     whole,
 )
 from up_samp.upio.objective import objective_of, only_makespan
@@ -405,25 +405,6 @@ def hold_told(relaxation: Relaxation, source: MotionActivity) -> None:
         for movable, value in told.items():
             node = told_by(source.name, movable, value)
             _hold(relaxation, activity, movable.name, relaxation.rewriter(node))
-
-
-def told_by(activity: str, obstacle: Object, value: Any) -> FNode:
-    """Return the expression that tells where an obstacle is: what the problem gives, and a fluent
-    of one parameter that is the obstacle, of that obstacle.
-
-    :raises ProblemError: for a fluent of other parameters.
-    """
-    if not isinstance(value, Fluent):
-        return obstacle.environment.expression_manager.auto_promote(value)[0]
-    types = [p.type for p in value.signature]
-    if not types:
-        return value()
-    if len(types) == 1 and types[0].is_compatible(obstacle.type):
-        return value(obstacle)
-    raise ProblemError(
-        f"activity '{activity}': the fluent '{value.name}' of its obstacle '{obstacle.name}' has "
-        f"{len(types)} parameters; say which, as in {value.name}(...)"
-    )
 
 
 def _hold(relaxation: Relaxation, activity: Activity, name: str, told: FNode) -> None:

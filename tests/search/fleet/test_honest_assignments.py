@@ -1,4 +1,4 @@
-"""Deals that learn what drives really take, and rehearse who is where when."""
+"""Assignments that learn what drives really take, and foresee who is where when."""
 
 import math
 import random
@@ -43,10 +43,10 @@ def slow_to_turn(snapshot):
     return drives
 
 
-def judged(dealt, jobs, snapshot, drives, rules):
-    """Return by how much a deal is late (s) if one knows what drives take."""
-    rehearsal = AssignmentEvaluator(TravelTimeModel(snapshot, drives), jobs, rules)
-    return math.fsum(late for _, late in rehearsal.ends(dealt.tours).values())
+def judged(assignment, jobs, snapshot, drives, rules):
+    """Return by how much an assignment is late (s) if one knows what drives take."""
+    evaluator = AssignmentEvaluator(TravelTimeModel(snapshot, drives), jobs, rules)
+    return math.fsum(late for _, late in evaluator.ends(assignment.tours).values())
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -58,14 +58,14 @@ def test_jobs_that_are_due_are_dealt_to_those_that_really_make_them(problem, sna
     latest = max(end for end, _ in real.ends(made.tours).values())
     jobs = all_due(free, math.ceil(1.05 * latest))
 
-    def dealt(rounds):
+    def assigned(rounds):
         guess = TravelTimeModel(snapshot, along_the_axes, drives)
         some = AssignmentEvaluator(guess, jobs, rules)
         rng = random.Random(seed)
         return assign(some, Deadline.never(), rng, Tuning(), rounds=rounds)
 
-    misled, honest = dealt(0), dealt(6)
-    late = misled.rehearsal.ends(misled.tours).values()
+    misled, honest = assigned(0), assigned(6)
+    late = misled.evaluator.ends(misled.tours).values()
     assert all(seconds == 0.0 for _, seconds in late), "it looks good"
     assert judged(misled, jobs, snapshot, drives, rules) > 0.0, "and is not"
     assert judged(honest, jobs, snapshot, drives, rules) == 0.0
@@ -76,13 +76,13 @@ def test_what_lasts_for_months_and_is_late_by_them_is_shared_out_too(problem, sn
     """Such ends to a high power are beyond all numbers."""
     jobs = all_due(find_jobs(problem, snapshot), 1)
     guess = TravelTimeModel(snapshot, lambda *drive: 1e6 * along_the_axes(*drive))
-    rehearsal = AssignmentEvaluator(guess, jobs, CostWeights(steep=60.0))
-    [one, *_] = rehearsal.robots
+    evaluator = AssignmentEvaluator(guess, jobs, CostWeights(steep=60.0))
+    [one, *_] = evaluator.robots
     ways = ([o.robot for o in some] for some in jobs.options)
     steps = [(j, robots.index(one)) for j, robots in enumerate(ways)]
-    alone = Assignment(rehearsal, {**dict.fromkeys(rehearsal.robots, ()), one: steps})
+    alone = Assignment(evaluator, {**dict.fromkeys(evaluator.robots, ()), one: steps})
     shared = exchanged(alone, random.Random(0), Deadline.never())
-    assert 1e7 < rehearsal.length(shared.tours) < 0.8 * rehearsal.length(alone.tours) < math.inf
+    assert 1e7 < evaluator.length(shared.tours) < 0.8 * evaluator.length(alone.tours) < math.inf
 
 
 def test_bounds_that_tell_drives_well_are_believed(snapshot):
@@ -107,15 +107,15 @@ def test_bounds_that_tell_drives_well_are_believed(snapshot):
 def test_places_are_taken_in_turns_and_left_for_others(problem, snapshot):
     jobs = find_jobs(problem, snapshot)
     guess = TravelTimeModel(snapshot, along_the_axes, pauses=pauses_of(problem, jobs))
-    rehearsal = AssignmentEvaluator(guess, jobs)
+    evaluator = AssignmentEvaluator(guess, jobs)
     # load, carry and unload come after one another, with a unit in between
     assert set(pauses_of(problem, jobs).values()) == {3}
     goals = [options[0].exit for options in jobs.options]
     one, two = next((i, j) for i in range(len(goals)) for j in range(i) if goals[i] == goals[j])
     tours = {"robot0": [(one, 0)], "robot1": [(two, 1)]}
     assert jobs.options[two][1].robot == "robot1"
-    ends = {robot: end for robot, (end, _) in rehearsal.ends(tours).items()}
-    alone = {robot: rehearsal.ends({robot: tours[robot]})[robot][0] for robot in tours}
+    ends = {robot: end for robot, (end, _) in evaluator.ends(tours).items()}
+    alone = {robot: evaluator.ends({robot: tours[robot]})[robot][0] for robot in tours}
     # who is there first goes home, or who is there last waits for it, or both
     assert sum(ends.values()) > sum(alone.values())
     assert all(ends[r] >= alone[r] for r in tours)
@@ -124,4 +124,4 @@ def test_places_are_taken_in_turns_and_left_for_others(problem, snapshot):
     option = jobs.options[step[0]][step[1]]
     home = guess.ride(first, option.exit, guess.home(option))
     assert ends[first] == alone[first] + home
-    assert inserted(Assignment(rehearsal, {"robot0": [], "robot1": [], "robot2": []}), one)
+    assert inserted(Assignment(evaluator, {"robot0": [], "robot1": [], "robot2": []}), one)
