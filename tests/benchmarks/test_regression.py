@@ -12,7 +12,7 @@ from up_samp.benchmarks.runner import RunSpec, perform
 ENGINE = "samp-refine[cpsat]"
 
 OPTIMA = {
-    "logistics-do-oc-r3-i3": 41,
+    "logistics-do-all-r2-i2": 37,
     "logistics-dc-oc-r2-i2": 54,
     "jobshop-r1-j1-m1": 19,
     "jobshop-r2-j2-m1": 23,
@@ -20,7 +20,7 @@ OPTIMA = {
 """Makespan by instance, in the form with fluents."""
 
 MORE = {
-    "logistics-do-all-r2-i2": 37,
+    "logistics-do-oc-r3-i3": 41,
     "logistics-dc-all-r1-i2": 74,
     "logistics-do-oc-r1-i8": 350,
     "logistics-do-all-r3-i4": 66,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from tests.metamorphic.motions import MotionStyle, write
 from tests.metamorphic.sites import MotionSite
 from up_samp.model import Deadline
+from up_samp.motion import MotionService
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_tasks, find_unit_places
@@ -14,7 +15,8 @@ from up_samp.scheduling.cpsat.routing.route import Route
 from up_samp.search.loop import state_what_is_known
 from up_samp.search.params import Parameters
 from up_samp.search.search import Wrapped
-from up_samp.search.session import open_search
+from up_samp.search.session import lay_out, open_search, open_service
+from up_samp.upio.read import read_problem
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,13 @@ class Structures:
     tasks: tuple
 
 
-def structures(site: MotionSite, style: MotionStyle, folder) -> Structures:
+def service_of(site: MotionSite, folder) -> MotionService:
+    """Return who plans motions in a site, in whatever style it is written."""
+    problem = write(site, MotionStyle(), folder)
+    return open_service(*lay_out(read_problem(problem, 1.0)), Parameters())
+
+
+def structures(site: MotionSite, style: MotionStyle, folder, service=None) -> Structures:
     """Return what is recognised in a site as it is written in a style."""
     wrapped = Wrapped("cpsat", {"workers": 1}, lambda *_: [], lambda *_: [], native=True)
     search = open_search(
@@ -38,6 +46,7 @@ def structures(site: MotionSite, style: MotionStyle, folder) -> Structures:
         wrapped,
         Parameters(),
         Deadline.after(600.0),
+        service=service,
     )
     state_what_is_known(search)
     search.scheduler.close()

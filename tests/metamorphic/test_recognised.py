@@ -9,7 +9,7 @@ import pytest
 
 from tests.metamorphic.motions import ALIKE, OTHERS, MotionStyle
 from tests.metamorphic.sites import FAMILIES, doors, haulage, kits, shop, store
-from tests.metamorphic.structures import structures
+from tests.metamorphic.structures import service_of, structures
 from up_samp.model import MotionModel
 from up_samp.motion.compile import precompile
 
@@ -42,7 +42,8 @@ def compiled():
 def look(tmp_path_factory):
     """Return what is recognised in a small site in a style, each looked at once."""
     folder = tmp_path_factory.mktemp("small")
-    return cache(lambda family, style: structures(SMALL[family](), style, folder))
+    service = cache(lambda family: service_of(SMALL[family](), folder))
+    return cache(lambda family, style: structures(SMALL[family](), style, folder, service(family)))
 
 
 def differing(styles, look):

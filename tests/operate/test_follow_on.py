@@ -87,8 +87,8 @@ def yaml(tmp_path_factory):
     return floors.hall(tmp_path_factory.mktemp("hall"))
 
 
-FAST = (0, 3, 8, 25, 29, 47, 56, 94)
-"""Some whose gates are moved, and four (0, 29, 47, 56) where two met when every gate was."""
+FAST = (0, 8, 29, 47, 56)
+"""Gates are moved; in all but 8 two met when every gate was."""
 SEEDS = [*FAST, *(pytest.param(k, marks=pytest.mark.long) for k in range(400) if k not in FAST)]
 
 

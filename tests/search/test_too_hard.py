@@ -17,7 +17,7 @@ def without_plan(tmp_path, floor, footprint, places, **tasks):
     for robot, (start, goal) in tasks.items():
         fleet.add_robot(robot, "agv", start=start)
         fleet.add_task(f"visit_{goal}", at=goal, duration=1, robots=robot)
-    result = fleet.solve(timeout=3, reproducible=True, query_seconds=0.5)
+    result = fleet.solve(timeout=2, reproducible=True, query_seconds=0.3)
     assert result.plan is None
     assert result.status == "TIMEOUT", result.explain()
     return result.outcome.log_messages[0].message

@@ -68,14 +68,14 @@ def judge(world, map_file, *, samples: int = 25, seconds: float = 20.0, **params
     return found
 
 
-def solve(problem, **params):
+def solve(problem, *, timeout=20.0, **params):
     settings = {"seconds_per_unit": SECONDS, "query_seconds": 1.0} | params
     with OneshotPlanner(
         name="samp-refine[cpsat]",
         params=settings,
         optimality_guarantee=OptimalityGuarantee.SOLVED_OPTIMALLY,
     ) as planner:
-        return planner.solve(problem, timeout=20.0)
+        return planner.solve(problem, timeout=timeout)
 
 
 def _judge_refusal(coarse, result, found, plans, seconds) -> None:

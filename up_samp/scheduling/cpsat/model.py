@@ -394,12 +394,13 @@ class ScheduleModel:
         self.store.attain(Lin(((self.world.makespan, 1),)), [(TRUE, constant(0)), *ends])
 
     def capped(self, makespan: int) -> Any:
-        """Return a copy of the CP-SAT model in which everything ends by ``makespan``.
+        """Return a copy of the CP-SAT model in which everything ends by ``makespan``; it holds
+        until the next one is asked for.
 
         Times of absent activities are capped too, which costs nothing. Small domains make
         precedence cycles fail at once.
         """
-        copy = self.store.model.clone()
+        copy = self.store.copy()
         variables = copy.proto.variables
         for var in self.variables.time_variables():
             domain = variables[self.store.position(var)].domain

@@ -20,7 +20,9 @@ from tests.scheduling.cpsat.truth import disagreement
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 
-FEW = 4
+FEW = (1, 2, 3, 4, 6, 7)
+HARD = (0, 5)
+"""They take seconds, where others take a tenth of one."""
 
 
 def rooms(seed):
@@ -96,10 +98,10 @@ def check(seeds):
 
 
 def test_rooms_whose_doors_are_recognised_change_no_answer():
-    check(range(FEW))
+    check(FEW)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("first", range(1000, 2000, 100))
-def test_many_rooms_whose_doors_are_recognised_change_no_answer(first):
-    check(range(first, first + 100))
+@pytest.mark.parametrize("seeds", [HARD, *(range(k, k + 100) for k in range(1000, 2000, 100))])
+def test_many_rooms_whose_doors_are_recognised_change_no_answer(seeds):
+    check(seeds)
