@@ -241,11 +241,11 @@ class Attempts:
             for var in sorted(presences & hints.keys()):
                 position = self.model.store.position(var)
                 model.add(model.get_int_var_from_proto_index(position) == hints[var])
-            answer = None
+            answer, first = None, cap <= guess.makespan  # else the best one is some way off
             if self.tiny:
-                answer = self._run(model, runner.NO_PRESOLVE, NO_PRESOLVE, first=True)
+                answer = self._run(model, runner.NO_PRESOLVE, NO_PRESOLVE, first=first)
             if answer is None or answer.status == cp_model.UNKNOWN:
-                answer = self._run(model, runner.NO_LINEARIZATION, _REALIZE, first=True)
+                answer = self._run(model, runner.NO_LINEARIZATION, _REALIZE, first=first)
             if answer.values is not None or self.over():
                 return answer.values is not None
         return False
