@@ -48,6 +48,6 @@ def test_the_cases_that_were_run_are_there(sweep):
 
 
 def test_a_run_tells_which_tunables_it_reads(sweep, on_the_clock):
-    told = sweep.run("random: 1", {}, 60.0, reads=True)
+    told = sweep.run("random: 4", {}, 60.0, reads=True)
     assert "tiny" in told["reads"]
     assert set(told["reads"]) < set(sweep.tunables())
