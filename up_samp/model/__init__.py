@@ -11,6 +11,7 @@ from up_samp.model.bodies import (
     Placed,
     TrafficZone,
     same_pose,
+    stays,
 )
 from up_samp.model.deadline import Deadline, check_time, in_force
 from up_samp.model.errors import (
@@ -78,4 +79,5 @@ __all__ = [
     "in_force",
     "interpolate",
     "same_pose",
+    "stays",
 ]

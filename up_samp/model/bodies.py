@@ -25,6 +25,13 @@ def same_pose(p: Configuration, q: Configuration, within: float = 1e-7) -> bool:
     return max(map(abs, apart)) <= within
 
 
+def stays(poses: Sequence[Configuration]) -> bool:
+    """Return whether a motion through these poses leads nowhere: who makes it may rest meanwhile,
+    whatever lies there.
+    """
+    return all(same_pose(poses[0], pose) for pose in poses)
+
+
 @dataclass(frozen=True)
 class Mobility:
     """What bodies of a motion model can do.

@@ -24,6 +24,7 @@ from up_samp.model import (
     TrafficZone,
     Trajectory,
     same_pose,
+    stays,
 )
 from up_samp.motion.compile import warm_up
 from up_samp.motion.curves.slowing import (
@@ -226,7 +227,8 @@ class MotionService:
         """Return a proof that the motion is impossible, with blockers, or None."""
         if body.flies or not self.proofs:
             return None
-        return self.certifier.prove(body, poses, met_by(body, obstacles))
+        there = () if stays(poses) else met_by(body, obstacles)
+        return self.certifier.prove(body, poses, there)
 
     def in_order(self, placed: Sequence[Placed], obstacles: Sequence[Placed]) -> Apart | None:
         """Return what tells where two that drive surely never are together (None: nothing does)."""

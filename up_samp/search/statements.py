@@ -21,6 +21,7 @@ from up_samp.model import (
     Placed,
     avoids,
     check_time,
+    stays,
 )
 from up_samp.model.frames import Frame
 from up_samp.model.refinement import Given, Refinement, Strength, end_of, start_of
@@ -175,13 +176,6 @@ def _certify(
     obstacle, places = standing
     configuration = places[obstacle]
     body, poses = signature
-    _, at_start = service.pose_blockers(body, poses[0], placed)
-    if at_start:
-        why = f"{_listed(at_start, places, 'lie')} on the first pose"
-        if facts.returns_to(obstacle, configuration):
-            return blocked_while(facts, cases, {obstacle: configuration}, why)
-        movers = facts.snapshot.movers[obstacle]
-        return [_gone_from_the_start(c, movers, why) for c in cases]
     if service.certificate(body, poses, placed) is None:
         return []
     names = frozenset(p.name for p in placed)
@@ -239,11 +233,15 @@ def _opened(
     why: str,
 ) -> list[Refinement]:
     """State that an obstacle which does not come back has left before the end, by as much as the
-    rest of the motion takes (``past`` it) at least.
+    rest of the motion takes (``past`` it) at least: all of it, if it lies where the motion begins
+    (who was there before it rests until it can set off).
     """
-    facts = motions.facts
+    facts, service = motions.facts, motions.service
     changes = facts.snapshot.movers[obstacle]
-    units = max(1, facts.units(motions.service.least_after(*past)))
+    body, poses, placed = past
+    _, at_start = service.pose_blockers(body, poses[0], placed)
+    least = service.lower_bound(body, poses) if at_start else service.least_after(*past)
+    units = max(1, facts.units(least))
     found = []
     if len(changes) <= 1 and not case.given:
         found.append(rules.needs_away(case.activity, obstacle, configuration, why, at_end=True))
@@ -503,7 +501,8 @@ def _pairs(motions: Motions) -> Iterator[tuple[MotionCase, MotionCase]]:
     coming: dict[tuple[Body, Configuration], list[MotionCase]] = {}
     for (body, poses), cases in sorted(signatures.items(), key=lambda i: str(i[0][1])):
         leaving.setdefault((body, poses[0]), []).extend(cases)
-        coming.setdefault((body, poses[-1]), []).extend(cases)
+        if not stays(poses):
+            coming.setdefault((body, poses[-1]), []).extend(cases)
     for here, going in leaving.items():
         for there, arriving in coming.items():
             check_time()

@@ -7,7 +7,7 @@ from typing import Any
 
 from unified_planning.model import FNode, Timing
 from unified_planning.model.scheduling import Activity
-from unified_planning.model.timing import TimePointInterval
+from unified_planning.model.timing import ClosedTimeInterval, TimePointInterval
 
 from up_samp.model.refinement import (
     Absent,
@@ -114,12 +114,20 @@ def _apart(relaxation: Relaxation, literal: Apart) -> FNode:
 
 
 def _elsewhere(relaxation: Relaxation, literal: Elsewhere) -> FNode:
-    """The paper's CHCONF with fluents: an auxiliary activity that needs the object elsewhere."""
+    """The paper's CHCONF with fluents: an auxiliary activity that needs the object elsewhere.
+
+    Where the main one itself sets the object elsewhere at its end, its witness, to which that is
+    another activity's change, looks until a unit before that, and from a unit earlier on (whoever
+    changes the object just then overlaps the main one, and clauses give way to that, too).
+    """
     problem, manager = relaxation.problem, relaxation.manager
     main, number = relaxation.activities[literal.activity], len(relaxation.elsewhere)
     twin = Activity(f"samp_elsewhere_{number}", 1, True, _env=problem.environment)
     twin._set_duration_constraint(main.duration)
-    span = whole(twin, relaxation.early[literal.object])
+    early = relaxation.early[literal.object]
+    span = whole(twin, early)
+    if main.name in relaxation.snapshot.movers[literal.object]:
+        span = ClosedTimeInterval(Timing(-early, twin.start), Timing(-early - 1, twin.end))
     twin.add_condition(span, _away(relaxation, literal))
     for mine, other in ((twin.start, main.start), (twin.end, main.end)):
         twin.add_constraint(manager.LE(mine, other))
