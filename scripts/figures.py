@@ -215,8 +215,8 @@ FIGURES = (
         "logistics-dc-all-r10-i16", "kitting-r2-k2-p3-d2", "doors-r3-d2", "navigation-r10",
     ), (), 400, (*PLAN, CPU)),
     Figure("scale", "warehouse_plan", (
-        "5x10", "10x30", "20x60", "50x150", "10x30, file",
-    ), ("5x10", "10x30"), 1500, (
+        "5x10", "10x30", "20x60", "50x150", "100x300", "10x30, file",
+    ), ("5x10", "10x30"), 3600, (
         Value("makespan", "units"), Value("bound", "units", "higher"), CPU, PEAK,
         Value("modules", tolerance=0.01),
     )),

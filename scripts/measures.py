@@ -165,7 +165,7 @@ def warehouse_plan(case: str) -> Values:
     """A first plan of a large warehouse, seed 0."""
     problem, began = warehouse_of(case), spent()
     with planner(first_plan=True) as engine:
-        result = engine.solve(problem, timeout=900)
+        result = engine.solve(problem, timeout=3000)
     told = result.metrics or {}
     values: Values = {"activities": len(problem.activities), "cpu": spent() - began}
     stages = ("reading", "building", "validating")
