@@ -13,15 +13,19 @@ from unified_planning.model import FNode, TimepointKind
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.operators import OperatorKind as Op
 
-from up_samp.model import Configuration, check_time
+from up_samp.model import check_time
 from up_samp.model.graphs import reached
 from up_samp.model.refinement import Refinement
-from up_samp.model.snapshot import MotionTask, TermKind
+from up_samp.model.snapshot import TermKind
 from up_samp.refinement import rules
 from up_samp.scheduling.cpsat.encode.terms import least
 from up_samp.search.fleet.jobs import clauses_of, needs_in, stated_gaps
+from up_samp.search.fleet_bound.timelines import guaranteed_locations
 from up_samp.search.world import Motions
 from up_samp.upio.expressions import constraints_of, statements
+
+_SEEN = 1
+"""Units before the end of a drive at which it may be told that somebody is there."""
 
 
 def due_too_soon(problem: SchedulingMotionProblem, motions: Motions) -> list[Refinement]:
@@ -90,6 +94,16 @@ class SoonestEnds:
         return found
 
     @cached_property
+    def _stands(self) -> Mapping[str, Mapping[str, str]]:
+        """Where robots have to be as activities begin, as far as that is sure."""
+        found: dict[str, dict[str, str]] = {}
+        for (name, robot), place in guaranteed_locations(
+            self._problem, self._snapshot
+        ).places.items():
+            found.setdefault(name, {})[robot] = place
+        return found
+
+    @cached_property
     def _durations(self) -> Mapping[str, int]:
         return {a.name: least(a.duration) for a in self._problem.activities}
 
@@ -107,7 +121,8 @@ class SoonestEnds:
                 start, end = self._driven(name)
                 for first, gap in self._before.get(name, {}).items():
                     if first in there and first not in path:  # in a ring nothing is left anyhow
-                        start = max(start, times(first, {*path, name})[1] + gap)
+                        began, ended = times(first, {*path, name})
+                        start = max(start, ended + gap, began + self._apart(first, name))
                 known[name] = start, max(end, start + self._lasts(name))
             return known[name]
 
@@ -117,18 +132,34 @@ class SoonestEnds:
         """Return who drives for an activity, and from where."""
         some = sorted(n for n in self.with_it(name) if n not in self._always)
         drivers = {t.object for n in (name, *some) for t in self._snapshot.by_activity.get(n, ())}
+        drivers |= {robot for n in (name, *some) for robot in self._stands.get(n, ())}
         some = [f"{d} begins at {self._snapshot.initial[d]}" for d in sorted(drivers)]
         return f": {', '.join(some)}" if some else ""
 
     def _driven(self, name: str) -> tuple[int, int]:
-        """Return when what drives for an activity may be there at the soonest, for its start and
-        its end.
+        """Return when who drives for an activity, or has to be somewhere for it, may be there at
+        the soonest, for its start and its end.
         """
         start = end = 0
         for task in self._snapshot.by_activity.get(name, ()):
-            first, last = (self._comes(task, term) for term in (0, -1))
+            first, last = (
+                self._units(task.object, self._snapshot.initial[task.object], term.name)
+                if term.kind is TermKind.CONSTANT
+                else 0
+                for term in (task.terms[0], task.terms[-1])
+            )
             start, end = max(start, first), max(end, last)
+        for robot, place in self._stands.get(name, {}).items():
+            start = max(start, self._units(robot, self._snapshot.initial[robot], place) - _SEEN)
         return start, end
+
+    def _apart(self, first: str, then: str) -> int:
+        """Return how long after the start of one activity another one begins at least, as somebody
+        has to be somewhere for each.
+        """
+        here, there = (self._stands.get(name, {}) for name in (first, then))
+        both = here.keys() & there.keys()
+        return max((self._units(r, here[r], there[r]) - _SEEN for r in both), default=0)
 
     def _lasts(self, name: str) -> int:
         """Return how long an activity lasts at least (units)."""
@@ -141,27 +172,16 @@ class SoonestEnds:
                 units = max(units, self._facts.units(lower_bound(body, poses)))
         return units
 
-    def _comes(self, task: MotionTask, term: int) -> int:
-        """Return when a task's object may be at one of its places at the soonest (units), from
-        where it begins, whatever it does before.
+    def _units(self, name: str, start: str, goal: str) -> int:
+        """Return what an object takes from place to place at least (units), however it drives.
 
         Told of objects alone that nothing else moves, and that drive with one body: without a load
         they may get through where they do not with one.
         """
-        name, snapshot = task.object, self._snapshot
-        tasks = snapshot.by_object[name]
-        bodies = {snapshot.body(t.activity, t.index, name) for t in tasks}
-        place = task.terms[term]
-        if (
-            place.kind is not TermKind.CONSTANT
-            or name in snapshot.moved_otherwise
-            or len(bodies) > 1
-        ):
+        tasks, pose = self._snapshot.by_object[name], self._snapshot.configurations
+        bodies = {self._snapshot.body(t.activity, t.index, name) for t in tasks}
+        if start == goal or name in self._snapshot.moved_otherwise or len(bodies) > 1:
             return 0
-        ends: tuple[Configuration, Configuration] = (
-            snapshot.configurations[snapshot.initial[name]],
-            snapshot.configurations[place.name],
-        )
-        seconds = self._motions.service.lower_bound(bodies.pop(), ends)
+        seconds = self._motions.service.lower_bound(bodies.pop(), (pose[start], pose[goal]))
         # it may come by all of its drives, one after the other
         return max(0, self._facts.units(seconds, len(tasks)))

@@ -64,7 +64,7 @@ def _statements() -> Sequence[tuple[Statement, Ideas]]:
         ),
         (
             Statement("what is due too soon", lambda s: due_too_soon(s.problem.source, s.motions)),
-            ("bounds_first", "native"),
+            ("bounds_first",),
         ),
         (
             Statement("proofs of unreachability", lambda s: unreachable(s.motions)),
