@@ -380,7 +380,7 @@ def test_what_others_have_chosen_is_known_or_asks_nothing(choice, over, asked):
         executor.commands(0.0)
         assert executor.done("first", 2.0).heard.value == "taken"
         executor.commands(2.0)
-    left = executor.remaining_problem(None if over else Surprise(cancelled=("first",)))
+    left = executor.remaining_problem(Surprise(cancelled=() if over else ("first",)))
     found = solve_remaining(left, seconds=20.0)
     assert [a["name"] for a in found["activities"]] == ["then"]
     told = found["activities"][0]["parameters"]
