@@ -223,13 +223,9 @@ def _work(search: Solve) -> RoutedWork:
 
 
 def _is_paid_by_activity(search: Solve) -> bool:
-    """Whether there is a schedule to make better that costs what its activities cost, and no limit
-    of effort: sequences count none.
-    """
+    """Whether there is a schedule to make better, and it costs what its activities cost."""
     whole = search.whole
-    if whole.best is None or whole.left is not None:
-        return False
-    return not whole.model.plain and bool(whole.prices)
+    return whole.best is not None and not whole.model.plain and bool(whole.prices)
 
 
 def _seek_cheaper(search: Solve) -> None:
