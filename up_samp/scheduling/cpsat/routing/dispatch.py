@@ -301,11 +301,6 @@ class RoutedWork:
     others: frozenset[str] = frozenset()
     """Activities on no route."""
 
-    @property
-    def movers(self) -> frozenset[str]:
-        """All moves that may be made."""
-        return frozenset(m.name for route in self.routes for m in route.moves)
-
     def priced(self, prices: Mapping[str | None, int]) -> RoutedWork:
         """Return the same with what activities cost for how long they last."""
         routes = []

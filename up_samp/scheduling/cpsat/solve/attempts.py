@@ -80,8 +80,6 @@ _TWO_SEARCHES = 4.0
 """For two full searches of a small problem."""
 _ONE_THREAD = (0.1, 0.4, 2.0)
 """For the same with one thread, one attempt after the other."""
-_LEAVING_OUT = 0.01
-"""For a schedule that costs the same with fewer activities."""
 _REALIZE = 1.0
 """For a schedule of the whole from one of its relaxation, under each of these caps:"""
 _CAPS = (1.0, 1.1, 1.3, 1.7)
@@ -300,33 +298,11 @@ class Attempts:
             return
         model = self.model.capped(cap)
         if most is not None and not capped:
-            self._keep_cost(model, most)
+            store, cost = self.model.store, self.model.objective
+            some = [model.get_int_var_from_proto_index(store.position(v)) for v, _ in cost.terms]
+            total = cp_model.LinearExpr.weighted_sum(some, [c for _, c in cost.terms])
+            model.add_linear_constraint(total, cp_model.INT_MIN, most - cost.const)
         self._run(model, runner.ONE_PRESOLVE_PASS, None, first=True)
-
-    def _keep_cost(self, model: Any, most: int) -> None:
-        """Let a copy of the model cost at most so much."""
-        cost = self.model.objective
-        total = self._sum_in(model, cost.terms)
-        model.add_linear_constraint(total, cp_model.INT_MIN, most - cost.const)
-
-    def _sum_in(self, model: Any, terms: Iterable[tuple[int, int]]) -> Any:
-        """Return a weighted sum of variables in a copy of the model."""
-        some = [(self.model.store.position(var), weight) for var, weight in terms]
-        variables = [model.get_int_var_from_proto_index(position) for position, _ in some]
-        return cp_model.LinearExpr.weighted_sum(variables, [weight for _, weight in some])
-
-    def leave_out(self) -> None:
-        """Leave out of the schedule in hand what it costs as little without: who drives about for
-        nothing meets others, and may find no way.
-        """
-        presences = {a.present for a in self.model.world.activities.values()} - {TRUE}
-        if self.minimizes_makespan or self.best is None or not presences or not self.small:
-            return
-        model = self._capped(self.cap)
-        self._keep_cost(model, self.value)
-        model.minimize(self._sum_in(model, [(abs(p), 1 if p > 0 else -1) for p in presences]))
-        profile = runner.NO_PRESOLVE if self.tiny else runner.ONE_PRESOLVE_PASS
-        self._run(model, profile, _LEAVING_OUT, first=False, bounds=False)
 
     def improve(
         self, cap: int, profile: Profile, effort: float | None, *, hinted: bool = True
@@ -348,15 +324,8 @@ class Attempts:
 
     # -- running -------------------------------------------------------------------------------
     def _run(
-        self,
-        model: Any,
-        profile: Profile,
-        effort: float | None,
-        *,
-        first: bool,
-        bounds: bool = True,
+        self, model: Any, profile: Profile, effort: float | None, *, first: bool
     ) -> SolverAnswer:
-        """Run a copy of the model; ``bounds``: what it proves is about what is minimised."""
         usual = {"random_seed": self.orders.seed, "num_workers": self.orders.workers}
         profile = {**usual, **profile}
         limits = [e for e in (effort, self.left) if e is not None]
@@ -369,7 +338,7 @@ class Attempts:
         def improved(values: list[int], bound: float) -> None:
             self._take(values)
             if progress is not None and self.best is not None:
-                if bounds and not first and math.isfinite(bound):
+                if not first and math.isfinite(bound):
                     self.bound = max(self.bound, math.ceil(bound - 1e-6))
                 progress(self.best, self.bound)
 
@@ -395,9 +364,7 @@ class Attempts:
         if not self.minimizes_makespan:
             cost = self.model.objective
             value = cost.const + sum(c * values[store.position(v)] for v, c in cost.terms)
-        fewer = not self.minimizes_makespan and value == self.value
-        fewer = fewer and self.best is not None and len(schedule.times) < len(self.best.times)
-        if self.best is None or value < self.value or fewer:
+        if self.best is None or value < self.value:
             self.best, self.value = schedule, value
             self.known = {v: values[p] for v, p in store.positions() if v and p < len(values)}
 

@@ -34,9 +34,6 @@ _BEAMS = (150, 600, 2_400, 9_600)
 last one where the optimum is not asked for."""
 _LOOSER = (1.0, 1.05, 1.15, 1.4, 2.0, 4.0)
 """By when a first sequence may end, over the bound, one after the other."""
-_REFUTED = 6
-"""Sequences that are no schedules, after which no first one is sought among others: they leave out
-something that matters."""
 _CONTENT = 1.0
 """CP-SAT's deterministic time for the whole problem, where the optimum is not asked for."""
 
@@ -63,10 +60,6 @@ class Solve:
     """Whoever asks would look at a schedule better than the guess before more is proven ..."""
     better: bool = False
     """... and there is one."""
-    tried: set[frozenset[str]] = field(default_factory=set)
-    """What was present in sequences that schedules were made of, as far as that went."""
-    refuted: int = 0
-    """How many of these were none, before the first that was one."""
     done: list[str] = field(default_factory=list)
     """The stages that were run."""
 
@@ -74,11 +67,6 @@ class Solve:
     def optimal(self) -> bool:
         """Whether the proven optimum is asked for."""
         return self.whole.orders.optimal
-
-    @property
-    def misled(self) -> bool:
-        """Whether sequences leave out what matters: so far no schedule came of them."""
-        return self.whole.best is None and self.refuted > _REFUTED
 
     def share(self, share: float = _SHARE) -> Deadline:
         """Return the deadline of a stage that may take no more than a share of what is left."""
@@ -105,8 +93,7 @@ def solve(search: Solve) -> None:
             search.done.append(stage.name)
             stage.run(search)
         if search.whole.over() or (search.soon and search.better):
-            break
-    search.whole.leave_out()
+            return
 
 
 def _is_given(search: Solve) -> bool:
@@ -170,7 +157,7 @@ def _follow_the_bound(search: Solve) -> None:
 
 def _realize(search: Solve, work: RoutedWork, sequences: Sequences) -> bool:
     """Make better and better schedules of the sequences that were found; return whether one was."""
-    whole, before, tried = search.whole, search.whole.best, search.tried
+    whole, before, tried = search.whole, search.whole.best, set[frozenset[str]]()
     for found in sequences.found:
         stops = CandidateSchedule(sequences.rules.times_of(found))
         guess = expand(work.routes, stops, changes_by_name(whole.model))
@@ -180,12 +167,7 @@ def _realize(search: Solve, work: RoutedWork, sequences: Sequences) -> bool:
         longer = whole.minimizes_makespan and whole.best and guess.makespan >= whole.value
         if names not in tried and not longer:
             whole.realize(guess, work.others)
-            search.refuted += whole.best is None
-            if whole.best is None and not tried:  # somebody may have to make way
-                whole.realize(guess, work.others | (work.movers - names))
         tried.add(names)
-        if search.misled:
-            break
     return whole.best is not before
 
 
@@ -211,7 +193,7 @@ def _seek_sequences(search: Solve) -> None:
     for width in _BEAMS[: 4 if search.optimal else 3]:
         for end in _ends(whole):
             found = sequences.sought(end, width, deadline) and _realize(search, work, sequences)
-            if search.misled or whole.over() or deadline.expired():
+            if whole.over() or deadline.expired():
                 return
             if whole.best is not None and not found:
                 break
@@ -242,12 +224,9 @@ def _seek_cheaper(search: Solve) -> None:
 
 def _goes_on(search: Solve) -> bool:
     """Whether the whole problem is searched for schedules better than the one in hand: without a
-    proof to make, there is none soon where sequences have none. (Those that were no schedules at
-    first say little.)
+    proof to make, there is none soon where sequences have none.
     """
-    whole = search.whole
-    far = bool(search.refuted) and whole.value > 1.1 * whole.bound
-    return far or search.optimal or not search.routes or FIRST in search.done
+    return search.optimal or not search.routes or FIRST in search.done
 
 
 def _finish(search: Solve) -> None:
