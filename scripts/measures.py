@@ -619,7 +619,7 @@ def scheduler(case: str) -> Values:
 
 def relaxation(case: str) -> Values:
     """The scheduling problem inside a published instance, moves at 2 m/s: the lower bound without
-    search, and a first schedule.
+    search, and a tour by list scheduling and annealing.
     """
     from up_samp.benchmarks import instance
 

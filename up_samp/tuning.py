@@ -86,6 +86,9 @@ class Tuning:
         _CPSAT,
         least=0,
     )
+    tour_rounds: int = tunable(
+        60, "rounds a task", "of annealing over tours before CP-SAT is asked", _CPSAT, least=0
+    )
     doubted: int = tunable(
         150,
         "constraints",

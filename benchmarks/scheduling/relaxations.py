@@ -16,6 +16,7 @@ from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
+from up_samp.scheduling.cpsat.routing.list_scheduling import improve, steps_of
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work
 from up_samp.upio import read_problem, relax
 
@@ -56,16 +57,19 @@ def _doors(names: list[str], snapshot: Any) -> set[str]:
 
 
 def bounds(problem: Any) -> dict[str, Any]:
-    """Return the lower bound without search, and the makespan of a first schedule."""
-    plain = relaxation(problem)
-    model = ScheduleModel(plain)
+    """Return the lower bound without search, and the makespan of the best quick tour (list
+    scheduling and annealing).
+    """
+    model = ScheduleModel(relaxation(problem))
     work = find_work(model, find_routes(model))
     assert work is not None, "the problem has no routes"
     began = time.process_time()
     found = bound_by_work(work)
-    cpu = time.process_time() - began
-    first = CpsatSession(plain).solve(Deadline.never(), optimal=False).schedule
-    makespan = None if first is None else first.makespan
+    cpu, some = time.process_time() - began, found.sequences
+    start = steps_of(work, some, some.found[0]) if some is not None and some.found else []
+    effort = 60 * len(work.tasks)
+    tour = improve(work, effort, 0, Deadline.never(), start=start, enough=found.value)
+    makespan = tour.schedule.makespan if tour is not None else None
     return {"bound": found.value, "tour": makespan, "cpu": cpu}
 
 

@@ -79,6 +79,8 @@ def _heeded(snapshot: Snapshot, name: str) -> frozenset[str] | None:
     return frozenset.intersection(*told) if told else None
 
 
+_TOUR_ROUNDS = 10
+"""A task, of annealing over the tours of an assignment."""
 NEEDED = ("lower bounds on motions", "proofs of unreachability")
 """What is stated before a plan of a thinned problem is sought."""
 
@@ -172,7 +174,7 @@ def open_thin(
     """Return a search on a problem with few alternatives, for some plan soon: little is stated
     before, motions are decided one after the other, and nobody is told. The plan is not judged.
     """
-    hasty = replace(whole.tuning, labels=0)
+    hasty = replace(whole.tuning, tour_rounds=_TOUR_ROUNDS, labels=0)
     mine = replace(whole.unheard, tuning=hasty)
     usual = components_of(mine, native=True)
     stated = tuple(s for s in usual.statements if s.name in NEEDED)

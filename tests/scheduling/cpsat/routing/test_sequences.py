@@ -12,12 +12,12 @@ from tests.scheduling.cpsat.sites import Site, Task, shop
 from tests.scheduling.cpsat.styles import Style
 from tests.scheduling.cpsat.truth import bound_without_search
 from tests.scheduling.cpsat.writer import Writer
-from up_samp.model import CandidateSchedule, Deadline, ScheduleStatus
+from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
-from up_samp.scheduling.cpsat.routing.route import changes_by_name, expand
+from up_samp.scheduling.cpsat.routing.list_scheduling import decode, steps_of, times_of
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
 from up_samp.scheduling.cpsat.routing.workload import WorkBound, bound_by_work
 from up_samp.scheduling.cpsat.solve import strategy
@@ -183,11 +183,6 @@ def test_what_needs_too_much_effort_is_not_proven():
     assert none < few < many
 
 
-def schedule_of(model, work, rules, path):
-    stops = CandidateSchedule(rules.times_of(path))
-    return expand(work.routes, stops, changes_by_name(model))
-
-
 def test_what_a_bound_is_met_by_is_tried_as_a_schedule():
     """One robot's best tour is found with the bound, without CP-SAT's search."""
     problem = Still(shop(1, 3, 3, seed=1), Style(), 0).problem
@@ -195,7 +190,8 @@ def test_what_a_bound_is_met_by_is_tried_as_a_schedule():
     work = find_work(model, find_routes(model))
     found = bound_by_work(work)
     path = found.sequences.found[0]
-    assert schedule_of(model, work, found.sequences.rules, path).makespan == found.value
+    assert decode(work, steps_of(work, found.sequences, path)).schedule.makespan == found.value
+    assert times_of(model, work, found.sequences, path).makespan == found.value
     report = CpsatSession(problem, workers=1, effort=0.2).solve(Deadline.after(60))
     assert (report.status, report.bound) == (ScheduleStatus.OPTIMAL, found.value)
 
@@ -210,7 +206,7 @@ def test_sequences_among_few_beginnings_become_schedules():
         some = Sequences(bound.sequences.rules, 10**6)
         assert not some.sought(bound.value - 1, 100, Deadline.never())
         assert some.sought(bound.value + 3, 100, Deadline.never())
-        schedule = schedule_of(model, work, some.rules, some.found[0])
+        schedule = times_of(model, work, some, some.found[0])
         assert bound.value <= schedule.makespan <= bound.value + 3
         assert not validate_schedule(problem, build_schedule(problem, schedule)).violations
 

@@ -1,8 +1,7 @@
-"""First schedules and what is recognised: answers stay true, quick schedules hold."""
+"""Tours and the collapsed problem: bounds stay true, quick schedules hold."""
 
 import itertools
 import random
-import threading
 from pathlib import Path
 
 import pytest
@@ -30,9 +29,8 @@ from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.normal import Watcher
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_unit_places, find_work
+from up_samp.scheduling.cpsat.routing.list_scheduling import improve
 from up_samp.scheduling.cpsat.solve import strategy as search
-from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders
-from up_samp.tuning import Tuning
 from up_samp.upio import read_problem, relax
 from up_samp.upio.plan import build_schedule
 from up_samp.upio.write_refinements import write_refinement
@@ -183,43 +181,37 @@ def test_stated_places_are_unary_places_of_routes():
 @pytest.mark.parametrize(
     "size", [(1, 2, 2), (2, 3, 2), pytest.param((3, 3, 4), marks=pytest.mark.long)]
 )
-def test_first_schedules_of_job_shops_are_found_without_search(size):
+def test_tours_of_job_shops_are_schedules(size):
     samp = job_shop(*size)
     problem = relax(samp, read_problem(samp)).problem
-    schedule, stages = first(ScheduleModel(problem))
-    assert search.FIRST not in stages
-    assert not validate_schedule(problem, build_schedule(problem, schedule)).violations
-    assert first(ScheduleModel(problem)) == (schedule, stages)
+    model = ScheduleModel(problem)
+    work = find_work(model, find_routes(model))
+    tour = improve(work, 50, 0, Deadline.never())
+    assert not validate_schedule(problem, build_schedule(problem, tour.schedule)).violations
+    again = improve(work, 50, 0, Deadline.never())
+    assert again.schedule == tour.schedule
 
 
-def first(model):
-    """Return a first schedule, and the stages that it took."""
-    orders = Orders(0, 1, False, Tuning(), threading.Event())
-    found = search.Solve(Attempts(model, orders, Deadline.after(60), None))
-    search.solve(found)
-    return found.whole.best, found.done
-
-
-def check_first_without(model, absent):
+def check_tour_without(model, absent):
     problem = model.problem
-    schedule, _ = first(model)
-    assert absent not in schedule.times
-    assert not validate_schedule(problem, build_schedule(problem, schedule)).violations
+    tour = improve(find_work(model, find_routes(model)), 0, 0, Deadline.never())
+    assert absent not in tour.schedule.times
+    assert not validate_schedule(problem, build_schedule(problem, tour.schedule)).violations
 
 
 @pytest.mark.parametrize("kind", ["move_", "r0_"])
-def test_first_schedules_do_without_what_never_happens(kind):
+def test_tours_do_without_what_never_happens(kind):
     """Motion proofs state in advance, or between two solves, that something cannot be done."""
     problem = relax(samp := job_shop(2, 3, 2), read_problem(samp)).problem
     model = ScheduleModel(problem)
     watcher = Watcher(problem)
     watcher.look()
-    schedule, _ = first(model)
-    absent = min((times, n) for n, times in schedule.times.items() if n.startswith(kind))[1]
+    tour = improve(find_work(model, find_routes(model)), 0, 0, Deadline.never())
+    absent = min((times, n) for n, times in tour.schedule.times.items() if n.startswith(kind))[1]
     problem.add_constraint(Not(problem.get_activity(absent).present))
     model.grow(watcher.look())
-    check_first_without(model, absent)
-    check_first_without(ScheduleModel(problem), absent)
+    check_tour_without(model, absent)
+    check_tour_without(ScheduleModel(problem), absent)
 
 
 def deliveries(seed, charger):
@@ -249,12 +241,13 @@ PLUG, SWAP = {"per_second": 2.0, "step": 10}, {"swap": 25}
 @pytest.mark.parametrize(
     ("seed", "charger"), [(0, PLUG), (1, PLUG), (2, PLUG), (3, PLUG), (1, SWAP), (2, SWAP)]
 )
-def test_first_schedules_of_fleets_bring_what_was_fetched_and_charge_in_time(seed, charger):
+def test_tours_of_fleets_bring_what_they_fetched_and_charge_in_time(seed, charger):
     samp = deliveries(seed, charger).problem
     problem = relax(samp, read_problem(samp)).problem
     model = ScheduleModel(problem)
-    assert find_work(model, find_routes(model)) is not None  # breaks are work, too
-    schedule, _ = first(model)
-    assert schedule is not None
-    assert not validate_schedule(problem, build_schedule(problem, schedule)).violations
-    assert sum(name.startswith("deliver_") for name in schedule.times) == 3
+    work = find_work(model, find_routes(model))
+    assert work is not None  # breaks are work, too
+    tour = improve(work, 40, 0, Deadline.never())
+    assert tour is not None
+    assert not validate_schedule(problem, build_schedule(problem, tour.schedule)).violations
+    assert sum(name.startswith("deliver_") for name in tour.schedule.times) == 3

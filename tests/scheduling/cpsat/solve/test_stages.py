@@ -50,12 +50,12 @@ def test_stages_run_in_their_order_and_only_where_they_apply():
 def test_a_problem_without_routes_has_no_tours():
     found = solved(random_problem(3))
     assert not found.routes
-    assert not {"bound by work", "seek sequences"} & {*found.done}
+    assert not {"bound by work", "anneal tours"} & {*found.done}
 
 
 def test_tuning_changes_the_way_and_not_the_answer():
     plain = solved(shop())
-    other = solved(shop(), labels=0, tiny=0)
+    other = solved(shop(), tour_rounds=0, tiny=0)
     assert other.whole.proven
     assert other.whole.value == plain.whole.value
 

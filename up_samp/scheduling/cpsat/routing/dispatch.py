@@ -1,4 +1,4 @@
-"""Who does what where: the tasks of travellers, for bounds and quick schedules.
+"""Who does what where: the tasks of travellers, for quick constructive schedules.
 
 A task is one of several alternatives (stops of routes) that are done once; its times are one start
 variable, and whatever opens the same door is one task. What the tasks need is read off the full
@@ -8,19 +8,25 @@ model: order, machines, doors, unary places.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from operator import attrgetter
+from typing import Any
 
+from up_samp.model import CandidateSchedule
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Literal, difference_told
 from up_samp.scheduling.cpsat.encode.states import Key, StateVar, Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.needs import (
+    Held,
     OwnState,
     Way,
     WayNeeds,
     find_needs,
     find_own_states,
+    find_set_back,
     gaps_told,
     later_than,
     ways_with,
@@ -296,23 +302,45 @@ class RoutedWork:
     routes: list[Route]
     tasks: list[RoutedTask]
     units: list[UnitPlace]
+    initial: dict[Key, int | None]
     needs: dict[Way, WayNeeds] = field(default_factory=dict)
     own: list[OwnState] = field(default_factory=list)
+    made_for: dict[str, frozenset[Way]] = field(default_factory=dict)
+    """Moves that are made only where some ways to do tasks are taken."""
+    held: dict[str, list[Held]] = field(default_factory=dict)
+    """What moves and stops need of states that are set back."""
     others: frozenset[str] = frozenset()
     """Activities on no route."""
+    worth: Callable[[CandidateSchedule], float] = attrgetter("makespan")
+    """What a schedule costs."""
+    tours: dict[tuple[tuple[int, int], ...], Any] = field(default_factory=dict, init=False)
+    """Of sequences that were tried (see :mod:`.list_scheduling`)."""
 
-    def priced(self, prices: Mapping[str | None, int]) -> RoutedWork:
-        """Return the same with what activities cost for how long they last."""
-        routes = []
-        for route in self.routes:
-            moves = [replace(m, least=prices.get(m.name, 0)) for m in route.moves]
-            routes.append(replace(route, moves=moves, hops={}, travel={}, leaving={}))
-            routes[-1].measure()
-        tasks = [
-            replace(task, length=min(prices.get(stop, 0) for _, stop, _ in task.ways))
-            for task in self.tasks
+    def providers(self, state: Key, allowed: frozenset[int]) -> list[int]:
+        """Return the tasks that bring a state variable to one of ``allowed``."""
+        return [
+            i
+            for i, task in enumerate(self.tasks)
+            if any(k == state and v in allowed for k, v, _ in task.changes)
         ]
-        return replace(self, routes=routes, tasks=tasks)
+
+    @cached_property
+    def set_back(self) -> frozenset[Key]:
+        """The states that are set back."""
+        return frozenset(key for key, *_ in itertools.chain(*self.held.values()))
+
+    @cached_property
+    def refills(self) -> list[dict[Way, frozenset[int]]]:
+        """What fills each own state up, and where."""
+        return [
+            {
+                (task, way): places
+                for task, known in enumerate(self.tasks)
+                for way, (route, _, places) in enumerate(known.ways)
+                if route == state.route and state.refilled_by((task, way))
+            }
+            for state in self.own
+        ]
 
 
 def _on_no_route(model: ScheduleModel, routes: list[Route]) -> list[ActivityVars]:
@@ -329,6 +357,7 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork:
     others = frozenset(
         a.name for a in _on_no_route(model, routes) if not model.store.never(a.present)
     )
+    initial = {key: state.initial for key, state in model.states.vars.items()}
     tasks, units = find_tasks(model, routes), find_unit_places(model, routes)
     names = {
         name: (number, way)
@@ -336,14 +365,22 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork:
         for way, (_, name, _) in enumerate(task.ways)
         if not task.visit
     }
-    needs = find_needs(model, names, ways_with(model, names))
+    activities, coming = model.world.activities, ways_with(model, names)
+    needs = find_needs(model, names, coming)
     for number, task in enumerate(tasks):
         ways = (needs.get((number, way), WayNeeds()) for way in range(len(task.ways)))
         task.after += _before_whoever_does_it(list(ways))
-    for route in routes:
-        route.narrow = frozenset[int]().union(*(unit.places_of(route.key) for unit in units))
+    held, changes = find_set_back(model, routes, names, coming)
+    for (number, _), told in changes.items():
+        tasks[number].changes = [*dict.fromkeys((*tasks[number].changes, *told))]
     own = find_own_states(model, routes, names)
-    return RoutedWork(routes, tasks, units, needs, own, others)
+    made_for = {
+        move.name: frozenset(some)
+        for route in routes
+        for move in route.moves
+        if (some := coming.get(activities[move.name].present))
+    }
+    return RoutedWork(routes, tasks, units, initial, needs, own, made_for, held, others)
 
 
 def _before_whoever_does_it(some: list[WayNeeds]) -> list[tuple[int, int]]:

@@ -1,26 +1,126 @@
-"""What travellers have, carry and need beside the places where they are: what comes with what, and
-states of their own (forks, levels).
+"""What travellers have, carry and need beside the places where they are: states of their own
+(forks, batteries), and states that are set back (doors that close by themselves).
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from operator import inv
 
 from up_samp.scheduling.cpsat.encode.forms import (
     TRUE,
+    Cmp,
     Literal,
     difference_told,
     parts_of,
 )
-from up_samp.scheduling.cpsat.encode.states import StateVar
-from up_samp.scheduling.cpsat.encode.terms import INFINITE
+from up_samp.scheduling.cpsat.encode.states import Key, Read, StateVar
+from up_samp.scheduling.cpsat.encode.terms import INFINITE, ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.routing.route import Route
+from up_samp.scheduling.cpsat.routing.route import Route, shorten
 
+# ------------------ States that travellers need and that are set back again
+# What opens a door for good is done once (:mod:`.dispatch`). A door that closes again has to be
+# opened as often as somebody comes too late, so whoever schedules drives one by one has to know
+# when it is open: what is done at a stop changes it, then and later, by what follows at a fixed
+# time.
+
+
+Held = tuple[Key, frozenset[int] | None, int, int]
+"""What a move or a stop needs: a state that is one of some values (``None``: whatever it is), and
+that nobody changes meanwhile; from its start + the first number to its end + the second one.
+"""
 Way = tuple[int, int]
 """(task, number of its way)."""
+Change = tuple[Key, int, int]
+"""A state, its new value, and when, counted from the start of what is done at a stop."""
+
+
+def find_set_back(
+    model: ScheduleModel,
+    routes: list[Route],
+    names: Mapping[str, Way],
+    coming: Mapping[Literal, list[Way]],
+) -> tuple[dict[str, list[Held]], dict[Way, list[Change]]]:
+    """Return what moves and stops need of states that are set back, and who changes these.
+
+    Assumes: stops alone change such a state, or what comes with one of them, at a fixed time after
+    it; that comes whenever its stop does, but for the last time.
+
+    :param names: of the stops, and which way to do a task each is.
+    :param coming: which of these come with a presence.
+    """
+    activities = model.world.activities
+    movers = frozenset[str]().union(*(route.movers for route in routes))
+    known: dict[int | None, str] = {activities[n].index: n for n in (*movers, *names)}
+    held: dict[str, list[Held]] = {}
+    changes: dict[Way, list[Change]] = {}
+    for state in model.states.vars.values():
+        reads = [r for r in state.reads if r.owner in known]
+        if not any(_is_in_vain(state, r) for r in reads if known[r.owner] in movers):
+            continue
+        made = _changes(model, state, names, coming)
+        for way, some in made.items():
+            changes.setdefault(way, []).extend(some)
+        for read in reads if made else ():
+            owner = activities[known[read.owner]]
+            held.setdefault(owner.name, []).extend(_held(model, state.key, owner, read))
+    return held, changes
+
+
+def _is_in_vain(state: StateVar, read: Read) -> bool:
+    """Return whether something has to be changed for a read, and may be changed back."""
+    told = read.allowed
+    return told is not None and state.initial not in told and not state.lasts(told)
+
+
+def _changes(
+    model: ScheduleModel,
+    state: StateVar,
+    names: Mapping[str, Way],
+    coming: Mapping[Literal, list[Way]],
+) -> dict[Way, list[Change]]:
+    """Return how ways to do tasks change a state; nothing, if anything else may, or to what, or
+    when, is not certain.
+    """
+    world, found = model.world.activities, dict[Way, list[Change]]()
+    begins = {way: world[name].start.terms[0][0] for name, way in names.items()}
+    later = _later_starts(model)
+    for change in model.states.sure_changes(state):
+        start, (since, latest) = change.owner.start.terms[0][0], change.since
+        ways = coming.get(change.owner.present, ())
+        after = [(w, gap) for w in ways if (gap := later.get((begins[w], start))) is not None]
+        if change.adds or since < latest or len(after) != 1:
+            return {}
+        ((way, gap),) = after
+        found.setdefault(way, []).append((state.key, change.value, gap + since))
+    return found
+
+
+def _held(model: ScheduleModel, key: Key, owner: ActivityVars, read: Read) -> Iterator[Held]:
+    """Yield what a read asks, where it is surely asked, at times that are fixed."""
+    first = model.states.difference(read.lo, owner.start)
+    last = model.states.difference(read.hi, owner.end)
+    if (read.active, *first, *last) == (owner.present, first[1], first[0], last[1], last[0]):
+        yield key, read.allowed, first[0], last[0]
+
+
+def _later_starts(model: ScheduleModel) -> dict[tuple[int, int], int]:
+    """Return how much later than one start another one surely is, whenever both are."""
+    absent = {a.start.terms[0][0]: ~a.present for a in model.world.activities.values()}
+    found = dict.fromkeys(zip(absent, absent, strict=True), 0)
+    for form in model.stated:
+        *others, stated = sorted(parts_of("|", form), key=lambda part: part.__class__ is Cmp)
+        equal = getattr(stated, "op", "") == "=="
+        pair = difference_told(stated._replace(op="<=")) if equal else None
+        if pair is None:
+            continue
+        one, then, gap = pair
+        if {*others, *map(inv, stated.needs)} <= {absent.get(one), absent.get(then)}:
+            found[one, then], found[then, one] = gap, -gap
+    return found
 
 
 # ------------------ What ways to do tasks ask of each other
@@ -119,15 +219,20 @@ def later_than(gaps: Gaps, first: int) -> dict[int, int]:
 
 
 # ------------------ States that one traveller alone changes
-# By its stops: a fork that is taken, a level that is filled up. (A battery, from which moves take,
-# is none.)
+# By its stops (a fork that is taken, a battery that is charged), and by its moves, which take from
+# it (the battery).
+
+
+Takings = dict[tuple[int, int], int]
+"""(place, place) -> what is taken on the way at least."""
 
 
 @dataclass(frozen=True)
 class OwnState:
     """A state that the traveller of one ``route`` (its number) alone changes, within ``least`` and
     ``most``: each stop between its start and the next thing that it does, to a value (``settings``)
-    or by it (``gains``). ``reads``: the values that ways to do tasks ask for as they begin.
+    or by it (``gains``), and moves, which take from it (``takings``; none: they do not). ``reads``:
+    the values that ways to do tasks ask for as they begin.
     """
 
     route: int
@@ -136,6 +241,7 @@ class OwnState:
     most: int
     gains: dict[Way, int]
     settings: dict[Way, int]
+    takings: Takings
     reads: dict[Way, frozenset[int]]
 
     def after(self, value: int, way: Way) -> int | None:
@@ -144,14 +250,24 @@ class OwnState:
         fits = value in self.reads.get(way, (value,)) and self.least <= new <= self.most
         return new if fits else None
 
+    def refilled_by(self, way: Way) -> bool:
+        """Return whether who has little left has more after a task is done in one way."""
+        return self.settings.get(way, self.least + self.gains.get(way, 0)) > self.least
+
+    def taken(self, some: Iterable[int], others: Iterable[int]) -> int:
+        """Return what is taken at least from one of some places to one of others."""
+        targets = list(others)
+        least = min((self.takings.get((a, b), INFINITE) for a in some for b in targets), default=0)
+        return 0 if least >= INFINITE else least
+
 
 def find_own_states(
     model: ScheduleModel, routes: list[Route], names: Mapping[str, Way]
 ) -> list[OwnState]:
     """Return the states that one traveller alone changes, and who sets and asks for what.
 
-    Assumes: what a stop sets is seen before its traveller does anything else, who
-    asks for a state excludes that it is set at that time.
+    Assumes: what a stop sets is seen before its traveller does anything else, and its moves only
+    take; who asks for a state excludes that it is set at that time.
     """
     found = (
         _own_state(model, number, route, state, names)
@@ -165,31 +281,47 @@ def _own_state(
     model: ScheduleModel, number: int, route: Route, state: StateVar, names: Mapping[str, Way]
 ) -> OwnState | None:
     mine = {name: names[name] for name, _ in route.stops}
-    gains, settings = dict[Way, int](), dict[Way, int]()
+    taken, gains, settings = dict[str, int](), dict[Way, int](), dict[Way, int]()
+    first, last = 1, 0
     for change in model.states.sure_changes(state):
-        value, late, way = change.value, change.late[1], mine.get(change.owner.name)
+        name, value, late = change.owner.name, change.value, change.late[1]
+        if change.since[0] < 0:
+            return None
+        if name in route.movers and change.adds and value <= 0:
+            taken[name], last = taken.get(name, 0) - value, max(last, late)
+            continue
+        way = mine.get(name)
         # what is taken is not taken at the instant at which the next one gives something back
         soon = late < route.gap if change.adds and value < 0 else late <= route.gap
-        early = change.since[0] < 0
-        if (
-            way is None
-            or early
-            or not soon
-            or way in settings
-            or (way in gains and not change.adds)
-        ):
+        if way is None or not soon or way in settings or (way in gains and not change.adds):
             return None
         if change.adds:
             gains[way] = gains.get(way, 0) + value
         else:
             settings[way] = value
-    if state.initial is None or not (gains or settings):
+        first, last = min(first, change.since[0]), max(last, late)
+    if state.initial is None or not (taken or gains or settings):
         return None
     least, most = state.bounds
-    # what is given back and taken at one instant may be more meanwhile
-    most -= sum(min(0, gain) for gain in gains.values())
-    reads = _asked(model, state, mine)
-    return OwnState(number, state.initial, least, most, gains, settings, reads)
+    if not taken:
+        # what is given back and taken at one instant may be more meanwhile
+        most -= sum(min(0, gain) for gain in gains.values())
+        reads = _asked(model, state, mine)
+        return OwnState(number, state.initial, least, most, gains, settings, {}, reads)
+    # at its start a change is seen together with the end of what was before; who may be put
+    # somewhere else gets there for nothing
+    if first < 1 or last > 0 or route.free:
+        return None
+    return OwnState(number, state.initial, least, most, gains, settings, _takings(route, taken), {})
+
+
+def _takings(route: Route, taken: Mapping[str, int]) -> Takings:
+    """Return what is taken on the ways at least."""
+    least = {hop: min(taken.get(m.name, 0) for m in moves) for hop, moves in route.hops.items()}
+    places = {route.initial}.union(*least)
+    least |= {(p, p): 0 for p in places}
+    shorten(least, places)
+    return least
 
 
 def _asked(

@@ -18,12 +18,12 @@ from up_samp.scheduling.cpsat.model import ScheduleModel
 Pair = tuple[int, int]
 
 
-def shorten(lengths: dict[Pair, int], places: Iterable[int], shut: Set[int] = frozenset()) -> None:
-    """Make ``lengths`` (0 or more) those of shortest ways (Floyd and Warshall) that pass by none of
-    the ``shut`` places. Sparse lengths are few steps: places that nothing leads from cost nothing.
+def shorten(lengths: dict[Pair, int], places: Iterable[int]) -> None:
+    """Make ``lengths`` (0 or more) those of shortest ways (Floyd and Warshall). Sparse lengths are
+    few steps: places that nothing leads from cost nothing.
     """
     order = list(places)
-    for middle in (place for place in order if place not in shut):
+    for middle in order:
         onward = [(b, lengths[middle, b]) for b in order if b != middle and (middle, b) in lengths]
         for a in order:
             first = lengths.get((a, middle))
@@ -97,8 +97,6 @@ class Route:
     """Places to which something else may put the traveller at any time, in no time."""
     never: frozenset[str] = frozenset()
     """Moves that are stated to be absent: they are not among ``moves``."""
-    narrow: frozenset[int] = frozenset()
-    """Places for one: others may be there, so quick schedules do not pass by."""
     lag: int = 1
     """Time from the end of a move until its effect is seen: 1 for an effect at the end, 0 for one
     at ``end - 1``."""
@@ -106,7 +104,7 @@ class Route:
     travel: dict[tuple[int, int], int] = field(default_factory=dict)
     leaving: dict[int, list[tuple[int, list[Move]]]] = field(default_factory=dict)
     """Place -> (where one can go from there, with which moves, the quickest first)."""
-    _direct: dict[Pair, int] = field(default_factory=dict)
+    _ways: dict[tuple[int, frozenset[int]], Timed | None] = field(default_factory=dict)
 
     @property
     def step(self) -> int:
@@ -145,20 +143,25 @@ class Route:
         for a in order:
             for b in self.free - {a}:
                 self.travel[a, b] = 0
-        self._direct = dict(self.travel)
         shorten(self.travel, order)
-
-    def travel_aside(self) -> dict[Pair, int]:
-        """Return the travel times of ways that pass by no narrow place, where there are any."""
-        found = dict(self._direct)
-        shorten(found, sorted({a for a, _ in self.travel}), self.narrow)
-        return {**self.travel, **found}
 
     def between(self, some: Set[int], others: Set[int]) -> int:
         """Return the least travel time from a place in ``some`` to one in ``others``."""
         return min(
             (self.travel.get((a, b), INFINITE) for a in some for b in others), default=INFINITE
         )
+
+    def way(self, here: int, targets: frozenset[int], banned: Collection[str]) -> list[Move] | None:
+        """Return the moves of the shortest way to one of ``targets``, without those named in
+        ``banned``; ``None`` if there is no way.
+        """
+        key = (here, targets)
+        if key not in self._ways:
+            self._ways[key] = self.soonest(here, targets, ())
+        found = self._ways[key]
+        if any(move.name in banned for _, move in found or ()):
+            found = self.soonest(here, targets, banned)
+        return None if found is None else [move for _, move in found]
 
     def soonest(
         self,
@@ -265,8 +268,7 @@ def _expand(route: Route, times: dict[str, tuple[int, int]], events: Events) -> 
     for start, end, places in goals:
         timed: Timed = []
         if places and here not in places:
-            aside = {m.name for m in route.moves if m.to in route.narrow - places}
-            banned = (used | aside, used, ())  # if there is no way but by a move that is made
+            banned = (used, ())  # if there is no way but by a move that is made
             ways = (route.soonest(here, places, some, free, wait) for some in banned)
             timed = next((way for way in ways if way is not None), [])
         for begin, move in timed:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -23,8 +23,6 @@ MOST_BITS = 62
 """Tasks, or places, that have a bit in a word."""
 NEVER = 2**29
 """A time that does not come, in tables: two of them are still one word."""
-_KNOWN = 100_000
-"""What may be known of one traveller at most: with more, its own states are left out."""
 
 
 @dataclass(frozen=True)
@@ -38,13 +36,11 @@ class TravelTables:
     """From each place to each place."""
 
     @staticmethod
-    def of(route: Route, times: dict[tuple[int, int], int], size: int) -> TravelTables:
-        """Return the ways of a route with such travel ``times``, in tables that are large enough
-        for ``size`` places.
-        """
+    def of(route: Route, size: int) -> TravelTables:
+        """Return the ways of a route, in tables that are large enough for ``size`` places."""
         number = {place: k for k, place in enumerate(places_of(route))}
         travel = np.full((size, size), NEVER, dtype=np.int32)
-        for (a, b), time in times.items():
+        for (a, b), time in route.travel.items():
             travel[number[a], number[b]] = min(time, NEVER)
         return TravelTables(route, number, travel)
 
@@ -81,33 +77,31 @@ class Programme:
     before: list[int]
     """Bits of the tasks that start before each one."""
     layers: list[list[int]]
-    """Sets of tasks, by size (none, where nobody asks for tables)."""
+    """Sets of tasks, by size."""
     spots: list[list[int]]
 
     @staticmethod
-    def of(
-        work: RoutedWork, asked: Callable[[RoutedTask], object], most: int = 0
-    ) -> Programme | None:
-        """Return the programme of the tasks that are ``asked`` for, ``None`` if it has more than
-        ``most`` states (0: nobody asks for its tables).
+    def of(work: RoutedWork, most: int, *, doors: bool = True) -> Programme | None:
+        """Return the programme, ``None`` if it has more than ``most`` states; with what opens
+        ``doors``.
         """
-        some = [number for number, task in enumerate(work.tasks) if asked(task)]
-        number = {task: k for k, task in enumerate(some)}
-        before = [0] * len(some)
-        for task in some:
+        wanted = [i for i, task in enumerate(work.tasks) if task.wanted or (doors and task.needed)]
+        number = {task: k for k, task in enumerate(wanted)}
+        before = [0] * len(wanted)
+        for task in wanted:
             for earlier, gap in (*work.tasks[task].after, *work.tasks[task].opened):
                 if earlier in number and gap > 0:
                     before[number[task]] |= 1 << number[earlier]
         spots: list[set[int]] = [set() for _ in work.routes]
-        for task in some:
+        for task in wanted:
             for route, _, places in work.tasks[task].ways:
                 spots[route] |= places
-        positions = math.prod(len(places) + 1 for places in spots)
-        layers = _ideals(before, most // positions) if most else []
-        if not some or layers is None:
+        positions = math.prod(len(some) + 1 for some in spots)
+        layers = _ideals(before, most // positions)
+        if not wanted or layers is None:
             return None
-        tasks = [work.tasks[t] for t in some]
-        return Programme(work.routes, tasks, before, layers, [sorted(places) for places in spots])
+        tasks = [work.tasks[t] for t in wanted]
+        return Programme(work.routes, tasks, before, layers, [sorted(some) for some in spots])
 
     def tables(self, deadline: Deadline) -> dict[int, Any] | None:
         """Return the table of each set; ``None`` if there is no time."""
@@ -137,10 +131,6 @@ class Programme:
     def start(self, tables: dict[int, Any]) -> int:
         """Return the least time for all tasks."""
         return int(tables[0][(0,) * len(self.routes)])
-
-    def least(self) -> list[int]:
-        """Return the least time for each task, wherever somebody comes from."""
-        return [min(int(costs.min()) for *_, costs in self._steps(t)) for t in self.tasks]
 
     def _steps(self, task: RoutedTask) -> Iterator[tuple[int, int, Any]]:
         """Yield (route, index of the place, costs from everywhere) for all ways to do a task."""
@@ -184,8 +174,7 @@ def _ideals(before: list[int], most: int) -> list[list[int]] | None:
 class SequenceChoice:
     """A task as one traveller does it at one place (by its number), in one ``way``. ``late``: time
     by which it may begin before the move there is seen to have ended. ``spot``: the place in
-    tables. ``back``: time from its end to that of everything, if it is the last one. ``needs``:
-    bits of the tasks that start before.
+    tables. ``back``: time from its end to that of everything, if it is the last one.
     """
 
     task: int
@@ -195,7 +184,6 @@ class SequenceChoice:
     spot: int
     late: int
     back: int
-    needs: int
 
 
 @dataclass(frozen=True)
@@ -210,26 +198,22 @@ class StateChange:
     shut: dict[int, Any]
 
 
-def choices_of(
-    programme: Programme, ways: list[TravelTables], doors: list[list[tuple[int, int, int]]]
-) -> list[SequenceChoice]:
-    """Return all ways to do all tasks of a programme; ``doors``: see :func:`doors_of`."""
-    found = []
-    for number, task in enumerate(programme.tasks):
-        for way, (axis, stop, places) in enumerate(task.ways):
-            route = programme.routes[axis]
-            late = route.step - route.rest(stop)
-            for place in sorted(places):
-                here, needs = ways[axis].number[place], programme.before[number]
-                for opener, some in enumerate(doors):
-                    if opener != number and any(
-                        d[:2] == (axis, here) and d[2] > late for d in some
-                    ):
-                        needs |= 1 << opener
-                spot = 1 + programme.spots[axis].index(place)
-                back = way_back(route, {place}, route.final)
-                found.append(SequenceChoice(number, way, axis, here, spot, late, back, needs))
-    return found
+def choices_of(programme: Programme, ways: list[TravelTables]) -> list[SequenceChoice]:
+    """Return all ways to do all tasks of a programme."""
+    return [
+        SequenceChoice(
+            number,
+            way,
+            axis,
+            ways[axis].number[place],
+            1 + programme.spots[axis].index(place),
+            programme.routes[axis].step - programme.routes[axis].rest(stop),
+            way_back(programme.routes[axis], {place}, programme.routes[axis].final),
+        )
+        for number, task in enumerate(programme.tasks)
+        for way, (axis, stop, places) in enumerate(task.ways)
+        for place in sorted(places)
+    ]
 
 
 def waits_of(work: RoutedWork, programme: Programme) -> tuple[Any, Any]:
@@ -343,10 +327,9 @@ class SequenceRules:
     queues: list[list[tuple[int, dict[int, int]]]]
     """Of each task (see :class:`.RoutedTask`), by the bits of others."""
     sets: Any
-    """All sets of tasks that may be done (bits), in order..."""
+    """All sets of tasks that may be done (bits), in order."""
     rests: Any
-    """...and a row for each of them: the least time that is left, for all positions of the
-    travellers; where there are no sets, one row for each task, the least time for it alone."""
+    """A row for each of them: the least time that is left, for all positions of the travellers."""
     shape: tuple[int, ...]
     doors: list[list[tuple[int, int, int]]]
     """(traveller, place, time from the start) of each task: when the way there is open."""
@@ -355,29 +338,16 @@ class SequenceRules:
     """What each traveller carries and has set, as :func:`own_states_after` has it."""
 
     @staticmethod
-    def of(
-        work: RoutedWork,
-        programme: Programme,
-        tables: dict[int, Any] | None,
-        *,
-        quick: bool = False,
-    ) -> SequenceRules | None:
-        """Return the rules for the tasks of a programme; ``None`` if these are too many. Without
-        ``tables`` what is left is known less well. ``quick``: for schedules, where nobody passes by
-        narrow places; they bound nothing.
-        """
+    def of(work: RoutedWork, programme: Programme, tables: dict[int, Any]) -> SequenceRules | None:
+        """Return the rules for the tasks of a programme; ``None`` if these are too many."""
         size = max(len(places_of(route)) for route in programme.routes)
         if max(len(programme.tasks), size) > MOST_BITS:
             return None
-        ways = [
-            TravelTables.of(route, route.travel_aside() if quick else route.travel, size)
-            for route in programme.routes
-        ]
-        doors = doors_of(programme, ways)
-        choices = choices_of(programme, ways, doors)
+        ways = [TravelTables.of(route, size) for route in programme.routes]
+        choices = choices_of(programme, ways)
         ordered, waits = waits_of(work, programme)
         arcs = [(a, b, int(ordered[a, b])) for a, b in np.argwhere(ordered > 0).tolist()]
-        sets = np.array(sorted(tables or ()), dtype=np.int64)
+        sets = np.array(sorted(tables), dtype=np.int64)
         changes = [change_of(programme, ways, number) for number in range(len(programme.tasks))]
         numbers = {id(task): number for number, task in enumerate(work.tasks)}
         wanted = [numbers[id(task)] for task in programme.tasks]
@@ -394,20 +364,12 @@ class SequenceRules:
                 for task in programme.tasks
             ],
             sets,
-            np.stack([tables[int(done)].ravel() for done in sets])
-            if tables
-            else np.array(programme.least()),
-            tuple(len(some) + 1 for some in programme.spots),
-            doors,
+            np.stack([tables[int(done)].ravel() for done in sets]),
+            tables[0].shape,
+            doors_of(programme, ways),
             handovers_of(work, ways),
-            own_states_after(work, wanted, done, _KNOWN),
+            own_states_after(work, wanted, done, len(tables) * tables[0].size),
         )
-
-    def times_of(self, found: Iterable[tuple[int, int]]) -> dict[str, tuple[int, int]]:
-        """Return when what happens at stops begins and ends in a sequence of (choice, start)."""
-        chosen = ((self.choices[number], start) for number, start in found)
-        some = ((self.programme.tasks[c.task], c.way, start) for c, start in chosen)
-        return {t.ways[way][1]: (start, start + t.length) for t, way, start in some}
 
     def plain(self) -> SequenceRules:
         """Return the same with no regard to changes."""
@@ -445,9 +407,6 @@ class SequenceRules:
 
     def rest(self, done: Any, last: Any) -> Any:
         """Return the least time that is left for all travellers together."""
-        if not len(self.sets):
-            left = (done[:, None] >> np.arange(len(self.rests))) & 1 == 0
-            return left @ self.rests
         where = np.ravel_multi_index(tuple(self.spots[last].T), self.shape)
         return self.rests[self.row(done), where]
 
@@ -494,7 +453,7 @@ def own_states_after(
     columns, tables = [], []
     for axis in range(len(work.routes)):
         mine = {column: way for column, (who, way) in enumerate(choices) if who == axis}
-        mine_alone = (s for s in work.own if s.route == axis)
+        mine_alone = (s for s in work.own if s.route == axis and not s.takings)
         states = [s for s in mine_alone if {t for t, _ in (*s.gains, *s.settings)} <= some]
         columns.append(list(mine))
         tables.append(_table(states, partners, list(mine.values()), most))

@@ -135,7 +135,8 @@ class Steps:
     def continued(self, labels: LabelTable, number: int) -> Iterator[LabelTable]:
         """Yield the labels of what goes on with a choice, as far as that may end in time."""
         choice = self.rules.choices[number]
-        needs, bit = choice.needs, 1 << choice.task
+        needs = self.rules.programme.before[choice.task]
+        bit = 1 << choice.task
         able = self.rules.own[labels.own[:, choice.traveller], number] >= 0
         labels = labels.rows(able & ((labels.done & bit) == 0) & ((needs & ~labels.done) == 0))
         if not len(labels):
@@ -287,16 +288,6 @@ class Steps:
         total = self.spent(labels).sum(1) + self.rules.rest(labels.done, labels.last)
         return total <= labels.last.shape[1] * self.end
 
-    def promise(self, labels: LabelTable, *, thrifty: bool) -> Any:
-        """Return what all travellers spend at least; if not ``thrifty``, as nobody begins anything
-        before the last thing that was begun: less for who share the work.
-        """
-        begun = labels.free - self.rules.gaps - self.rules.lengths[labels.last]
-        now = np.where(labels.last >= 0, begun, 0).max(1)
-        spent = self.spent(labels)
-        spent = (spent if thrifty else np.maximum(spent, now[:, None])).sum(1)
-        return spent + self.rules.rest(labels.done, labels.last)
-
     def spent(self, labels: LabelTable) -> Any:
         """Return how much of its time each traveller has spent when it did its last task."""
         gaps = np.where(labels.last >= 0, self.rules.gaps, 0)
@@ -314,8 +305,6 @@ _AT_ONCE = 200_000
 """Beginnings that are looked at before the clock is."""
 _PLAIN = 20_000
 """Beginnings that are looked at with no regard to changes."""
-_SEVERAL = 12
-"""Sequences that are kept of what is found."""
 _STEEP = 4.0
 """How many times as many beginnings as the last proof the next one may cost..."""
 _CHEAP = 2_000
@@ -329,8 +318,6 @@ class Sequences:
     rules: SequenceRules
     most: int
     """How many beginnings all proofs together may look at (some 10 microseconds each)."""
-    thrifty: bool = False
-    """Whether only what all travellers spend together counts where a few beginnings are kept."""
     seen: list[int] = field(default_factory=lambda: [0])
     """How many were looked at."""
     found: list[Found] = field(default_factory=list)
@@ -371,8 +358,7 @@ class Sequences:
         if not len(labels):
             return None
         # the first one mostly is a schedule
-        costs = steps.promise(labels, thrifty=True) if self.thrifty else self._ends(labels)
-        order = np.argsort(costs, kind="stable")[:_SEVERAL]
+        order = np.argsort(self._ends(labels), kind="stable")[:4]
         self.found[:] = [self._path(layers, int(row)) for row in order]
         return True
 
@@ -398,9 +384,8 @@ class Sequences:
                 break
             labels = labels.undominated(deadline)
             if 0 < width < len(labels):
-                promise = steps.promise(labels, thrifty=self.thrifty)
-                promising = np.argsort(promise, kind="stable")
-                labels = labels.rows(np.sort(promising[:width]))
+                total = steps.spent(labels).sum(1) + self.rules.rest(labels.done, labels.last)
+                labels = labels.rows(np.sort(np.argsort(total, kind="stable")[:width]))
         return [*layers, labels]
 
     def _ends(self, labels: LabelTable) -> Any:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-import sys
 from dataclasses import dataclass
 
 from ortools.sat.python import cp_model
 
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat.encode.terms import INFINITE
-from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, RoutedWork
+from up_samp.scheduling.cpsat.routing.dispatch import RoutedWork
 from up_samp.scheduling.cpsat.routing.route import way_back
 from up_samp.scheduling.cpsat.routing.rules import Programme, SequenceRules, cost
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
@@ -157,8 +156,7 @@ def bound_by_work(
     :param deadline: when to give up with what is known (None: never).
     :param value: the makespan of a schedule (0: there is none); no more is asked for.
     """
-    programme = Programme.of(work, lambda task: task.wanted or task.needed, _STATES)
-    programme = programme or Programme.of(work, lambda task: task.wanted, _STATES)
+    programme = Programme.of(work, _STATES) or Programme.of(work, _STATES, doors=False)
     if programme is None:
         return WorkBound(bound_by_assignment(work, known, deadline))
     tables = programme.tables(deadline)
@@ -174,24 +172,3 @@ def bound_by_work(
         known = raised(sequences.plain(), known, deadline, value)
         known = raised(sequences, known, deadline, value)
     return WorkBound(known, sequences)
-
-
-# ------------------ Sequences of all there is to do, for quick schedules
-
-
-def quick_sequences(
-    work: RoutedWork, deadline: Deadline, *, thrifty: bool = False
-) -> Sequences | None:
-    """Return the sequences of what is wanted and of whatever opens doors (``None``: it is too
-    much), among which schedules are sought (``thrifty``: who share the work get no credit for it).
-    """
-
-    def asked(task: RoutedTask) -> bool:
-        return task.wanted or task.opens is not None
-
-    programme = Programme.of(work, asked, _STATES) or Programme.of(work, asked)
-    if programme is None:
-        return None
-    tables = programme.tables(deadline) if programme.layers else None
-    rules = SequenceRules.of(work, programme, tables, quick=True)
-    return None if rules is None else Sequences(rules, sys.maxsize, thrifty)

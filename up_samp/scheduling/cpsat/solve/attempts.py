@@ -241,11 +241,11 @@ class Attempts:
             for var in sorted(presences & hints.keys()):
                 position = self.model.store.position(var)
                 model.add(model.get_int_var_from_proto_index(position) == hints[var])
-            answer, first = None, cap <= guess.makespan  # else the best one is some way off
+            answer = None
             if self.tiny:
-                answer = self._run(model, runner.NO_PRESOLVE, NO_PRESOLVE, first=first)
+                answer = self._run(model, runner.NO_PRESOLVE, NO_PRESOLVE, first=True)
             if answer is None or answer.status == cp_model.UNKNOWN:
-                answer = self._run(model, runner.NO_LINEARIZATION, _REALIZE, first=first)
+                answer = self._run(model, runner.NO_LINEARIZATION, _REALIZE, first=True)
             if answer.values is not None or self.over():
                 return answer.values is not None
         return False

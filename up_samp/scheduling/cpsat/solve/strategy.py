@@ -7,33 +7,43 @@ the last ones are CP-SAT's own search.
 
 from __future__ import annotations
 
+import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 from up_samp.model import CandidateSchedule, Deadline
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import RoutedWork, find_work
-from up_samp.scheduling.cpsat.routing.route import Route, changes_by_name, expand
-from up_samp.scheduling.cpsat.routing.rules import NEVER
+from up_samp.scheduling.cpsat.routing.list_scheduling import (
+    Step,
+    decode,
+    improve,
+    steps_of,
+    times_of,
+)
+from up_samp.scheduling.cpsat.routing.route import Route
 from up_samp.scheduling.cpsat.routing.sequences import Sequences
-from up_samp.scheduling.cpsat.routing.workload import bound_by_work, quick_sequences
+from up_samp.scheduling.cpsat.routing.workload import bound_by_work
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, hint_values
 
 _SHARE = 0.35
-"""Of the time that is left: for sequences, and for bounds without search where the optimum is not
-asked for."""
+"""Of the time that is left: for tours, and for bounds without search where the optimum is not asked
+for."""
 _BOUNDING = 0.7
 """For bounds without search, where it is: most of what is proven of routed problems they prove."""
 _LABELS_AGAIN = 180_000
 """Beginnings of sequences that proofs may look at if bounds were sought before."""
 _LABELS_ASIDE = 60_000
 """The same where the optimum is not asked for."""
-_BEAMS = (150, 600, 2_400, 9_600)
-"""Beginnings of each length among which sequences are sought, one beam after the other: not the
-last one where the optimum is not asked for."""
-_LOOSER = (1.0, 1.05, 1.15, 1.4, 2.0, 4.0)
-"""By when a first sequence may end, over the bound, one after the other."""
+_BEAM = 750
+"""Beginnings of each length among which sequences are sought that end before the schedule in hand:
+a fifth of them where the optimum is not asked for."""
+_AGAIN, _LONGER, _TIMES = 0.5, 5, 30
+"""Of annealing for better schedules: share of the time, how much longer it takes, how often."""
+_FEW_TASKS = 8
+"""Up to so many, a greedy tour will do: the proof finds the best one."""
 _CONTENT = 1.0
 """CP-SAT's deterministic time for the whole problem, where the optimum is not asked for."""
 
@@ -150,53 +160,38 @@ def _met_by(search: Solve) -> bool:
 
 
 def _follow_the_bound(search: Solve) -> None:
-    """What a bound was met by is a schedule mostly."""
+    """What a bound was met by is a schedule mostly, or near one."""
     assert search.sequences is not None
-    _realize(search, _work(search), search.sequences)
+    if not _realize_one(search, search.sequences):
+        tour = decode(_work(search), _steps(search))
+        if tour is not None and tour.schedule.makespan < search.whole.value:
+            search.whole.realize(tour.schedule, _work(search).others)
 
 
-def _realize(search: Solve, work: RoutedWork, sequences: Sequences) -> bool:
-    """Make better and better schedules of the sequences that were found; return whether one was."""
-    whole, before, tried = search.whole, search.whole.best, set[frozenset[str]]()
+def _realize_one(search: Solve, sequences: Sequences) -> bool:
+    """Make the first one of the sequences that were found, and that can be, a better schedule."""
+    whole = search.whole
     for found in sequences.found:
-        stops = CandidateSchedule(sequences.rules.times_of(found))
-        guess = expand(work.routes, stops, changes_by_name(whole.model))
-        names = frozenset(guess.times)
-        if whole.over():
+        guess = times_of(whole.model, _work(search), sequences, found)
+        if whole.over() or guess.makespan >= whole.value:
             break
-        longer = whole.minimizes_makespan and whole.best and guess.makespan >= whole.value
-        if names not in tried and not longer:
-            whole.realize(guess, work.others)
-        tried.add(names)
-    return whole.best is not before
-
-
-def _ends(whole: Attempts) -> Iterator[int]:
-    """Yield by when sequences are sought to end: later and later until there is a schedule, then
-    before the one in hand.
-    """
-    for share in _LOOSER:
-        if whole.best is None:
-            yield int(share * whole.bound) + 1
-    while whole.best is not None:
-        yield whole.value - 1
+        if whole.realize(guess, _work(search).others):
+            return True
+    return False
 
 
 def _seek_sequences(search: Solve) -> None:
-    """Seek sequences among a few promising beginnings, with whatever opens doors, as long as they
-    lead to better and better schedules.
+    """Seek sequences that end before the schedule in hand, among a few promising beginnings, as
+    long as they lead to better ones.
     """
-    whole, work, deadline = search.whole, _work(search), search.share()
-    sequences = quick_sequences(work, deadline)
-    if sequences is None:
-        return
-    for width in _BEAMS[: 4 if search.optimal else 3]:
-        for end in _ends(whole):
-            found = sequences.sought(end, width, deadline) and _realize(search, work, sequences)
-            if whole.over() or deadline.expired():
-                return
-            if whole.best is not None and not found:
-                break
+    whole = search.whole
+    assert search.sequences is not None
+    deadline = search.share()
+    width = _BEAM if search.optimal else _BEAM // 5
+    sequences = Sequences(search.sequences.rules, sys.maxsize)
+    while not whole.over() and sequences.sought(whole.value - 1, width, deadline):
+        if not _realize_one(search, sequences):
+            return
 
 
 def _work(search: Solve) -> RoutedWork:
@@ -204,27 +199,88 @@ def _work(search: Solve) -> RoutedWork:
     return search.work
 
 
+def _steps(search: Solve) -> list[Step]:
+    """Return who does which task in the sequence that the bound was met by (none: it was not)."""
+    if search.sequences is None or not search.sequences.found:
+        return []
+    return steps_of(_work(search), search.sequences, search.sequences.found[0])
+
+
+def _anneal_tours(search: Solve) -> None:
+    work, tuning = _work(search), search.whole.orders.tuning
+    few = search.optimal and len(work.tasks) <= _FEW_TASKS
+    rounds = 0 if few else tuning.tour_rounds * len(work.tasks)
+    deadline = search.share()
+    seed, bound = search.whole.orders.seed, search.whole.bound
+    tour = improve(work, rounds, seed, deadline, start=_steps(search), enough=bound)
+    if tour is not None:
+        search.whole.realize(tour.schedule, work.others)
+        # a tour that is no schedule tells how long one is, not how short one may be
+        value = search.whole.value or 4 * tour.schedule.makespan // 3
+        search.expected = max(search.expected, value)
+
+
+def _may_anneal_again(whole: Attempts) -> bool:
+    """Whether there is a schedule to make better, and no limit of effort: annealing counts none."""
+    return whole.best is not None and whole.left is None
+
+
+def _anneal_again(search: Solve) -> None:
+    """Anneal tours from other random numbers, each longer, for schedules better than the one in
+    hand.
+    """
+    whole, work = search.whole, _work(search)
+    _anneal_on(search, [work], _LONGER, whole.orders.seed + whole.value)
+
+
+def _anneal_on(search: Solve, works: list[RoutedWork], longer: int, seed: int) -> None:
+    """Anneal tours as long as a share of the time lasts; ``works`` say by turns what they cost."""
+    whole = search.whole
+    rounds = longer * whole.orders.tuning.tour_rounds * len(works[0].tasks)
+    deadline = search.share(_AGAIN)
+    by_makespan = whole.minimizes_makespan
+    enough, fixed = (whole.bound, 0) if by_makespan else (0, whole.model.objective.const)
+    for number in range(_TIMES):
+        if whole.over() or deadline.expired() or not works:
+            return
+        work, before = works[number % len(works)], whole.value
+        known = len(work.tours)
+        tour = improve(work, rounds, seed + number, deadline, enough=enough)
+        if tour is not None and work.worth(tour.schedule) + fixed < before:
+            whole.realize(tour.schedule, work.others)
+            search.better |= whole.value < before
+        if len(work.tours) == known:
+            # no sequence came by that was not known: hardly any other will
+            works = [other for other in works if other is not work]
+
+
 def _is_paid_by_activity(search: Solve) -> bool:
     """Whether there is a schedule to make better, and it costs what its activities cost."""
     whole = search.whole
-    return whole.best is not None and not whole.model.plain and bool(whole.prices)
+    return _may_anneal_again(whole) and not whole.model.plain and bool(whole.prices)
 
 
-def _seek_cheaper(search: Solve) -> None:
-    """Seek sequences that cost less than the schedule in hand, with prices for times."""
-    whole, deadline = search.whole, search.share()
+def _anneal_costs(search: Solve) -> None:
+    """Anneal tours by what their activities cost, for schedules that cost less than the one in
+    hand; by turns those that end later, too: a limit of what else they cost may ask for the first.
+    """
+    whole, prices = search.whole, search.whole.prices
+    assert whole.best is not None
+    last, much = whole.best.makespan, sum(map(abs, prices.values()))
+
+    def worth(schedule: CandidateSchedule, most: float) -> float:
+        cost = sum(prices.get(name, 0) for name in schedule.times)
+        return cost + much * max(0.0, schedule.makespan - most)
+
     whole.without_presolve(whole.cap)  # tiny ones are solved at once
     work = find_work(whole.model, find_routes(whole.model))
-    sequences = quick_sequences(work.priced(whole.prices), deadline, thrifty=True)
-    for width in _BEAMS:
-        if sequences is None or whole.over() or not sequences.sought(NEVER - 1, width, deadline):
-            return
-        search.better |= _realize(search, work, sequences)
+    by_turns = [replace(work, worth=partial(worth, most=most)) for most in (last, math.inf)]
+    _anneal_on(search, by_turns, 1, whole.orders.seed)
 
 
 def _goes_on(search: Solve) -> bool:
     """Whether the whole problem is searched for schedules better than the one in hand: without a
-    proof to make, there is none soon where sequences have none.
+    proof to make, there is none soon where tours have none.
     """
     return search.optimal or not search.routes or FIRST in search.done
 
@@ -239,14 +295,28 @@ STAGES = (
     Stage(QUICKLY, _is_near, lambda s: s.whole.prove_quickly()),
     Stage("look for routes", lambda s: True, _find_routes),
     Stage("bound by work", lambda s: s.work is not None, _bound_by_work),
+    Stage(
+        "anneal tours again",
+        lambda s: s.optimal and s.work is not None and _may_anneal_again(s.whole),
+        _anneal_again,
+    ),
     Stage("prove it after all", _is_still_to_prove, lambda s: s.whole.prove_quickly()),
-    Stage("follow the bound", _met_by, _follow_the_bound),
+    Stage(
+        "follow the bound",
+        lambda s: _met_by(s) and s.whole.best is not None,
+        _follow_the_bound,
+    ),
+    Stage("anneal tours", lambda s: s.work is not None and s.whole.best is None, _anneal_tours),
     Stage(
         "seek sequences",
-        lambda s: s.work is not None and s.whole.orders.tuning.labels > 0,
+        lambda s: s.sequences is not None and s.whole.best is not None,
         _seek_sequences,
     ),
-    Stage("seek cheaper sequences", _is_paid_by_activity, _seek_cheaper),
+    Stage(
+        "anneal tours by their costs",
+        _is_paid_by_activity,
+        _anneal_costs,
+    ),
     Stage("climb: a small problem", lambda s: not s.routes, lambda s: s.whole.climb()),
     Stage(
         FIRST,
