@@ -279,11 +279,15 @@ def _let_rest(ask: Question, places: dict[str, Place], pose: Pose) -> None:
 
 
 def _brought(order: Order, robot: str) -> Task:
-    """Return what is left of an order that a robot has already: rather late than never."""
+    """Return what is left of an order that a robot has already: rather late than never, but not
+    between two of its windows.
+    """
     stop: Stop = order.delivery
+    opens = [opens for opens, _ in stop.window] or [0.0]
+    window = (*stop.window[:-1], (opens[-1], opens[-1] + 86400.0)) if len(opens) > 1 else ()
     return Task(
         id=order.id, at=stop.at, duration=stop.service, resources=stop.resources, robots=(robot,),
-        due=order.due, weight=order.weight, release=min((w[0] for w in stop.window), default=0.0),
+        due=order.due, weight=order.weight, release=opens[0], window=window,
     )  # fmt: skip
 
 
