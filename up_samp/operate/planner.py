@@ -283,11 +283,12 @@ def _brought(order: Order, robot: str) -> Task:
     between two of its windows.
     """
     stop: Stop = order.delivery
-    opens = [opens for opens, _ in stop.window] or [0.0]
-    window = (*stop.window[:-1], (opens[-1], opens[-1] + 86400.0)) if len(opens) > 1 else ()
+    windows = stop.window or ((0.0, math.inf),)
+    *sooner, (opens, _) = windows
+    window = (*sooner, (opens, opens + 86400.0)) if sooner else ()
     return Task(
         id=order.id, at=stop.at, duration=stop.service, resources=stop.resources, robots=(robot,),
-        due=order.due, weight=order.weight, release=opens[0], window=window,
+        due=order.due, weight=order.weight, release=windows[0][0], window=window,
     )  # fmt: skip
 
 
