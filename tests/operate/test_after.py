@@ -57,3 +57,26 @@ def test_what_comes_before_may_come_later(tmp_path):
         assert day.verdict().good, (day.verdict(), day.story())
     finally:
         day.operation.close()
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_what_is_on_board_is_not_brought_between_two_windows(tmp_path, seed):
+    """Its robot broke down before the first one was over; what is late waits for the next one."""
+    rng = random.Random(f"windows {seed}")
+    day = Day(tmp_path, robots=2, seed=seed)
+    gap = rng.choice((19, 21)), rng.choice((110, 130))
+    windows = [[gap[1], gap[1] + 200], [rng.choice((0, 5)), gap[0]]]
+    try:
+        end = {"at": "dock0", "window": windows if seed else windows[::-1]}
+        day.operation.add({"id": "bin", "pickup": "shelf0", "delivery": end, "robots": ["r0"]})
+        day.until(day.operation.on_board, 60)
+        day.operation.leave("r0")
+        day.robots.put("r0", here := (3.0, 6.0, 1.0))
+        day.operation.leave("r0", "moved", here)
+        day.operation.join("r0", here)
+        day.run()
+        (brought,) = [h for h in day.robots.handled if h.kind == "task"]
+        assert gap[1] <= brought.start < gap[1] + 2, (gap, brought)
+        assert day.verdict().good, (day.verdict(), day.story())
+    finally:
+        day.operation.close()

@@ -279,11 +279,16 @@ def _let_rest(ask: Question, places: dict[str, Place], pose: Pose) -> None:
 
 
 def _brought(order: Order, robot: str) -> Task:
-    """Return what is left of an order that a robot has already: rather late than never."""
+    """Return what is left of an order that a robot has already: rather late than never, but not
+    between two of its windows.
+    """
     stop: Stop = order.delivery
+    windows = stop.window or ((0.0, math.inf),)
+    *sooner, (opens, _) = windows
+    window = (*sooner, (opens, opens + 86400.0)) if sooner else ()
     return Task(
         id=order.id, at=stop.at, duration=stop.service, resources=stop.resources, robots=(robot,),
-        due=order.due, weight=order.weight, release=min((w[0] for w in stop.window), default=0.0),
+        due=order.due, weight=order.weight, release=windows[0][0], window=window,
     )  # fmt: skip
 
 
