@@ -93,8 +93,7 @@ def _build(law: Any, wrap: Callable[[Any], Any]) -> tuple[Any, Any]:
         for i in range(3):
             at[i] = q[i] + 0.5 * h * b[i]
         law(at, u, c)
-        for i in range(3):
-            at[i] = q[i] + h * c[i]
+        at[0], at[1], at[2] = q[0] + h * c[0], q[1] + h * c[1], q[2] + h * c[2]
         law(at, u, d)
         for i in range(3):
             out[i] = q[i] + h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + d[i])
@@ -103,8 +102,7 @@ def _build(law: Any, wrap: Callable[[Any], Any]) -> tuple[Any, Any]:
 
     def rows(q: FloatArray, u: FloatArray, seconds: float, count: int) -> FloatArray:
         out = np.empty((count + 1, 3))
-        for i in range(3):
-            out[0, i] = q[i]
+        out[0, 0], out[0, 1], out[0, 2] = q[0], q[1], q[2]
         for k in range(count):
             step(out[k], u, seconds / count, out[k + 1])
         return out
@@ -114,8 +112,7 @@ def _build(law: Any, wrap: Callable[[Any], Any]) -> tuple[Any, Any]:
     ) -> FloatArray:
         out = np.empty((controls.shape[0], 3))
         for k in range(controls.shape[0]):
-            for i in range(3):
-                out[k, i] = q[i]
+            out[k, 0], out[k, 1], out[k, 2] = q[0], q[1], q[2]
             for p in range(controls.shape[1]):
                 h = seconds[k, p] / counts[p]
                 for _ in range(counts[p]):
