@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from annotated_types import Ge, Gt, Le, MinLen
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, StringConstraints
 
-from up_samp.upio.read_maps import LIMITS
+from up_samp.upio.read_maps import FARTHEST, LARGEST, MOST_TURNED
 
 
 @dataclass(frozen=True)
@@ -70,14 +70,14 @@ Count = Annotated[int, Gt(0), Le(int(FILE_LIMITS.largest)), NUMBER]
 Some = Annotated[int, Ge(0), Le(int(FILE_LIMITS.largest)), NUMBER]
 Visits = Annotated[int, Gt(0), Le(FILE_LIMITS.visits), NUMBER]
 Positive = Annotated[float, Ge(FILE_LIMITS.least), Le(FILE_LIMITS.largest), NUMBER]
-Length = Annotated[float, Ge(FILE_LIMITS.least), Le(LIMITS.footprint), NUMBER]
-Clearance = Annotated[float, Ge(0), Le(LIMITS.footprint), NUMBER]
+Length = Annotated[float, Ge(FILE_LIMITS.least), Le(LARGEST), NUMBER]
+Clearance = Annotated[float, Ge(0), Le(LARGEST), NUMBER]
 Seconds = Positive
 Share = Annotated[float, Ge(FILE_LIMITS.least), Le(1), NUMBER]
 Moment = Annotated[float, Ge(0), Le(FILE_LIMITS.largest), NUMBER]
 Rate = Annotated[float, Ge(0), Le(FILE_LIMITS.largest), NUMBER]
-Coordinate = Annotated[float, Ge(-LIMITS.farthest), Le(LIMITS.farthest), NUMBER]
-Heading = Annotated[float, Ge(-LIMITS.turned), Le(LIMITS.turned), NUMBER]
+Coordinate = Annotated[float, Ge(-FARTHEST), Le(FARTHEST), NUMBER]
+Heading = Annotated[float, Ge(-MOST_TURNED), Le(MOST_TURNED), NUMBER]
 Pose = tuple[Coordinate, Coordinate, Heading]
 Point = tuple[Coordinate, Coordinate]
 Window = tuple[Moment, Moment]

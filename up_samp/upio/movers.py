@@ -45,7 +45,7 @@ from up_samp.upio.expressions import (
 )
 from up_samp.upio.objective import check_copied
 from up_samp.upio.plan import SampSchedule
-from up_samp.upio.read_maps import LIMITS
+from up_samp.upio.read_maps import MOST_MOVERS
 
 
 @dataclass(frozen=True)
@@ -181,10 +181,10 @@ def _choices(
     if empty:
         raise UnsupportedError(f"there is no movable object for '{empty[0]}'")
     size = math.prod(map(len, domains))
-    if size > LIMITS.movers:
+    if size > MOST_MOVERS:
         raise UnsupportedError(
             f"activity '{activity.name}' may move {size} different choices of objects, more than "
-            f"{LIMITS.movers}: name the objects that take part"
+            f"{MOST_MOVERS}: name the objects that take part"
         )
     for chosen in itertools.product(*domains):
         yield dict(zip(parameters, chosen, strict=True))

@@ -31,7 +31,8 @@ from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermK
 from up_samp.upio.expressions import told_by
 from up_samp.upio.plan import trajectory_key
 from up_samp.upio.read_maps import (
-    LIMITS,
+    FARTHEST,
+    MOST_TURNED,
     check_docks,
     check_flat,
     check_zones,
@@ -189,12 +190,10 @@ def _pose(name: str, value: SE2 | SE3) -> Configuration:
         raise ProblemError(f"configuration '{name}' must be numbers: {short(str(error))}") from None
     if not all(math.isfinite(v) for v in pose):
         raise ProblemError(f"configuration '{name}' has a coordinate that is not finite")
-    if any(abs(v) > LIMITS.farthest for v in pose) or (
-        len(pose) == 3 and abs(pose[2]) > LIMITS.turned
-    ):
+    if any(abs(v) > FARTHEST for v in pose) or (len(pose) == 3 and abs(pose[2]) > MOST_TURNED):
         raise ProblemError(
             f"configuration '{name}' is at {short(pose)}: coordinates up to "
-            f"{LIMITS.farthest:g} m and headings up to {LIMITS.turned:g} rad make sense"
+            f"{FARTHEST:g} m and headings up to {MOST_TURNED:g} rad make sense"
         )
     return pose
 

@@ -8,7 +8,7 @@ import itertools
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from unified_planning.model.motion import MotionModels, MovableObject, SchedulingMotionProblem
@@ -28,23 +28,17 @@ from up_samp.model.errors import short
 from up_samp.model.frames import Frame, PlacedMap
 from up_samp.model.snapshot import MotionTask, TermKind
 
+# ------------------ What is refused by name: results would be wrong, or never come
 
-@dataclass(frozen=True)
-class ProblemLimits:
-    """What is beyond them is refused by name: results would be wrong, or never come."""
-
-    farthest: float = 1e7
-    """Largest coordinate, of a configuration or a map's frame, m: further out, floating-point
-    numbers do not tell 1 cm from 0."""
-    turned: float = 1e4
-    """Largest heading, rad."""
-    movers: int = 200
-    """Most choices of objects that one activity may move."""
-    footprint: float = 1e5
-    """Largest coordinate of a footprint, m."""
-
-
-LIMITS = ProblemLimits()
+FARTHEST = 1e7
+"""Largest coordinate, of a configuration or a map's frame, m: further out, floating-point numbers
+do not tell 1 cm from 0."""
+MOST_TURNED = 1e4
+"""Largest heading, rad."""
+MOST_MOVERS = 200
+"""Most choices of objects that one activity may move."""
+LARGEST = 1e5
+"""Largest coordinate of a footprint, m."""
 
 
 # ------------------ Read occupancy maps and their frames of reference
@@ -103,8 +97,8 @@ def _frame(type_name: str, given: Any) -> tuple[Frame, float]:
         raise ProblemError(f"{what} must be numbers, not {short(given)}") from error
     if len(values) not in (2, 3, 7):
         raise ProblemError(f"{what} has {len(values)} numbers; SE2 has 3, SE3 has 7")
-    if not all(math.isfinite(v) and abs(v) <= LIMITS.farthest for v in values):
-        raise ProblemError(f"{what} is {short(values)}: up to {LIMITS.farthest:g} m makes sense")
+    if not all(math.isfinite(v) and abs(v) <= FARTHEST for v in values):
+        raise ProblemError(f"{what} is {short(values)}: up to {FARTHEST:g} m makes sense")
     if len(values) < 7:
         return Frame(*values), 0.0
     x, y, z, qx, qy, qz, qw = values
@@ -175,9 +169,7 @@ def _read_height(obj: MovableObject, model: MotionModel) -> float:
     return value
 
 
-def _corners(
-    name: str, footprint: Any, most: float = LIMITS.footprint
-) -> tuple[tuple[float, float], ...]:
+def _corners(name: str, footprint: Any, most: float = LARGEST) -> tuple[tuple[float, float], ...]:
     """Return a footprint, or another polygon, as plain numbers, of ``most`` m."""
     try:
         corners = tuple((float(x), float(y)) for x, y in footprint)
@@ -261,7 +253,7 @@ def _read_zones(name: str, given: Any) -> tuple[TrafficZone, ...]:
     for zone in zones:
         if not isinstance(zone, TrafficZone):
             raise ProblemError(f"object '{name}': '{_ZONES}' holds TrafficZone, not {short(zone)}")
-        corners = _corners(name, zone.polygon, LIMITS.farthest)
+        corners = _corners(name, zone.polygon, FARTHEST)
         heading = zone.one_way or 0.0
         simple = len(corners) > 2 and shapely.Polygon(corners).is_valid
         limits = f"v_max is positive and prefer 1 at least, not {zone.v_max} and {zone.prefer}"

@@ -15,7 +15,7 @@ from up_samp.fleet.files import read_record, text_of, write_problem_file
 from up_samp.fleet.records import FleetRecords
 from up_samp.model import ProblemError
 from up_samp.model.errors import short
-from up_samp.upio.read_maps import LIMITS as WORLD
+from up_samp.upio.read_maps import FARTHEST
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Options:
     jobs: int = 4
 
     def __post_init__(self) -> None:
-        if not 0 < self.cell <= WORLD.farthest:
+        if not 0 < self.cell <= FARTHEST:
             raise ProblemError(f"a cell must have a length in m, not {self.cell!r}")
         for name in ("robots", "jobs"):
             if getattr(self, name) < 0:
@@ -110,8 +110,8 @@ def number_of(value: object) -> float:
         number = float(value)  # type: ignore[arg-type]
     except OverflowError:
         number = math.inf
-    if not abs(number) <= WORLD.farthest:  # NaN, too
-        raise ValueError(f"{short(value)} is no number up to {WORLD.farthest:g}")
+    if not abs(number) <= FARTHEST:  # NaN, too
+        raise ValueError(f"{short(value)} is no number up to {FARTHEST:g}")
     return number
 
 
