@@ -94,22 +94,20 @@ def conclude_undoable(search: Search) -> SearchResult | None:
     """Return the end of a search where proven facts leave nobody to do something that has to be
     done: no scheduler has to be asked, and it is known which facts these are.
     """
-    absent = {only: fact for fact in search.knowledge.proven if (only := _ruled_out(fact))}
+    absent = {_ruled_out(fact): fact for fact in search.knowledge.proven}
+    absent.pop("", None)
     if not absent or search.bounds.incumbent is not None:
         return None
     source = search.problem.source
     clauses = [*clauses_of(source), *(((a.name,), ()) for a in source.activities if not a.optional)]
     needs = needs_in(clauses)
-
-    def refuted(name: str) -> Refinement | None:
-        with_it = reached([name], lambda n: needs.get(n, ()))
-        return next((absent[n] for n in sorted(with_it) if n in absent), None)
-
     for names, conditions in clauses:
-        facts = [] if conditions else [*map(refuted, names)]
-        few = [*dict.fromkeys(filter(None, facts))]
-        if names and facts and None not in facts and nothing_is_left(search, few):
-            more = " and so on" if len(names) > SHOWN else ""
+        met = [absent.keys() & reached([n], lambda n: needs.get(n, ())) for n in names]
+        if conditions or not (met and all(met)):
+            continue
+        few = [*dict.fromkeys(absent[min(some)] for some in met)]
+        if nothing_is_left(search, few):
+            more = " and so on" * (len(names) > SHOWN)
             asked = f"one of {', '.join(names[:SHOWN])}{more}" if len(names) > 1 else names[0]
             why = (
                 f"these proven facts leave no schedule: {listed(few)}; but {asked} has to be there"
@@ -120,9 +118,10 @@ def conclude_undoable(search: Search) -> SearchResult | None:
 
 def _ruled_out(fact: Refinement) -> str:
     """Return the activity of which a fact says that it is absent, and nothing else ("": none)."""
-    literals = fact.statement.literals if isinstance(fact.statement, Clause) else ()
-    only = literals[0] if len(literals) == 1 else None
-    return only.activity if isinstance(only, Absent) else ""
+    match fact.statement:
+        case Clause((Absent(activity),)):
+            return activity
+    return ""
 
 
 def refutation(search: Search, report: ScheduleReport) -> list[Refinement] | None:

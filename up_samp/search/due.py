@@ -5,24 +5,21 @@ A scheduler finds out, too, but goes through all orders of what robots might do 
 
 from __future__ import annotations
 
-import math
-from collections.abc import Collection, Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Collection, Mapping
 from functools import cached_property
 
-from unified_planning.model import FNode, TimepointKind
 from unified_planning.model.motion import SchedulingMotionProblem
-from unified_planning.model.operators import OperatorKind as Op
 
 from up_samp.model import check_time
 from up_samp.model.graphs import reached
 from up_samp.model.refinement import Refinement
-from up_samp.model.snapshot import TermKind
+from up_samp.model.snapshot import Term, TermKind
 from up_samp.refinement import rules
 from up_samp.scheduling.cpsat.encode.terms import least
-from up_samp.search.fleet.jobs import clauses_of, needs_in, stated_gaps
+from up_samp.search.fleet.jobs import clauses_of, latest_times, needs_in, stated_gaps
 from up_samp.search.fleet_bound.timelines import guaranteed_locations
 from up_samp.search.world import Motions
-from up_samp.upio.expressions import constraints_of, statements
 
 _SEEN = 1
 """Units before the end of a drive at which it may be told that somebody is there."""
@@ -33,7 +30,7 @@ def due_too_soon(problem: SchedulingMotionProblem, motions: Motions) -> list[Ref
     to be present with them comes first, and who drives comes from where it is at first.
     """
     soonest, found = SoonestEnds(problem, motions), []
-    for name, needed, at_end, latest in _latest(problem):
+    for name, needed, at_end, latest in latest_times(problem):
         check_time()
         if needed <= soonest.with_it(name):
             first = soonest.of(name)[at_end]
@@ -42,36 +39,6 @@ def due_too_soon(problem: SchedulingMotionProblem, motions: Motions) -> list[Ref
                 why = f"{what}due at {latest}, {first} at the soonest{soonest.who(name)}"
                 found.append(rules.impossible(name, why))
     return found
-
-
-def _latest(
-    problem: SchedulingMotionProblem,
-) -> Iterator[tuple[str, frozenset[str | None], bool, int]]:
-    """Yield (activity, what has to be present for it, whether it is its end, units at the latest),
-    as constraints say.
-    """
-    for owner, constraint, scope in constraints_of(problem):
-        mine = frozenset[str | None]() if owner is None else frozenset([owner])
-        for part, needed in statements(constraint, scope):
-            told = _limit(part)
-            if told is not None:
-                name, at_end, latest = told
-                yield name, needed | mine, at_end, latest
-
-
-def _limit(node: FNode) -> tuple[str, bool, int] | None:
-    """Return (activity, whether it is its end, units) if ``node`` says that and nothing else."""
-    if node.node_type not in (Op.LE, Op.LT):
-        return None
-    point, limit = node.args
-    if point.node_type is not Op.TIMING_EXP or not limit.is_constant():
-        return None
-    timing, value = point.timing(), limit.constant_value()
-    point, last = timing.timepoint, value - timing.delay
-    if point.container is None or point.kind not in (TimepointKind.START, TimepointKind.END):
-        return None
-    latest = math.ceil(last) - 1 if node.node_type is Op.LT else math.floor(last)
-    return str(point.container), point.kind is TimepointKind.END, latest
 
 
 class SoonestEnds:
@@ -96,11 +63,10 @@ class SoonestEnds:
     @cached_property
     def _stands(self) -> Mapping[str, Mapping[str, str]]:
         """Where robots have to be as activities begin, as far as that is sure."""
-        found: dict[str, dict[str, str]] = {}
-        for (name, robot), place in guaranteed_locations(
-            self._problem, self._snapshot
-        ).places.items():
-            found.setdefault(name, {})[robot] = place
+        found = defaultdict[str, dict[str, str]](dict)
+        sure = guaranteed_locations(self._problem, self._snapshot).places
+        for (name, robot), place in sure.items():
+            found[name][robot] = place
         return found
 
     @cached_property
@@ -131,8 +97,10 @@ class SoonestEnds:
     def who(self, name: str) -> str:
         """Return who drives for an activity, and from where."""
         some = sorted(n for n in self.with_it(name) if n not in self._always)
-        drivers = {t.object for n in (name, *some) for t in self._snapshot.by_activity.get(n, ())}
-        drivers |= {robot for n in (name, *some) for robot in self._stands.get(n, ())}
+        tasks, stands = self._snapshot.by_activity, self._stands
+        drivers = {t.object for n in (name, *some) for t in tasks.get(n, ())}.union(
+            *(stands.get(n, ()) for n in (name, *some))
+        )
         some = [f"{d} begins at {self._snapshot.initial[d]}" for d in sorted(drivers)]
         return f": {', '.join(some)}" if some else ""
 
@@ -142,16 +110,17 @@ class SoonestEnds:
         """
         start = end = 0
         for task in self._snapshot.by_activity.get(name, ()):
-            first, last = (
-                self._units(task.object, self._snapshot.initial[task.object], term.name)
-                if term.kind is TermKind.CONSTANT
-                else 0
-                for term in (task.terms[0], task.terms[-1])
-            )
-            start, end = max(start, first), max(end, last)
+            start = max(start, self._comes(task.object, task.terms[0]))
+            end = max(end, self._comes(task.object, task.terms[-1]))
         for robot, place in self._stands.get(name, {}).items():
             start = max(start, self._units(robot, self._snapshot.initial[robot], place) - _SEEN)
         return start, end
+
+    def _comes(self, name: str, place: Term) -> int:
+        """Return when an object may have come to a place at the soonest (0: it is not known)."""
+        known = place.kind is TermKind.CONSTANT
+        start = self._snapshot.initial[name]
+        return self._units(name, start, place.name if known else start)
 
     def _apart(self, first: str, then: str) -> int:
         """Return how long after the start of one activity another one begins at least, as somebody

@@ -308,18 +308,41 @@ def _with_extras(jobs: Jobs, dues: Mapping[str, float], ways: set[str]) -> Jobs:
 
 
 def _dues(problem: SchedulingMotionProblem) -> dict[str, float]:
-    """Return the latest ends of activities that are stated as such (units)."""
-    found: dict[str, float] = {}
-    for _, constraint, _ in constraints_of(problem):
-        if constraint.node_type is not Op.LE:
-            continue
-        end, limit = constraint.args
-        if end.is_timing_exp() and limit.is_int_constant():
-            name = end.timing().timepoint.container
-            if name is not None:
-                value = float(limit.constant_value())
-                found[name] = min(value, found.get(name, math.inf))
+    """Return the latest ends of activities (units), whatever they are conditional on."""
+    found = defaultdict[str, float](lambda: math.inf)
+    for name, _, at_end, latest in latest_times(problem):
+        found[name] = min(found[name], latest if at_end else math.inf)
     return found
+
+
+def latest_times(
+    problem: SchedulingMotionProblem,
+) -> Iterator[tuple[str, frozenset[str | None], bool, int]]:
+    """Yield (activity, what has to be present for it, whether it is its end, units at the latest),
+    as constraints say.
+    """
+    for owner, constraint, scope in constraints_of(problem):
+        mine = frozenset[str | None]() if owner is None else frozenset([owner])
+        for part, needed in statements(constraint, scope):
+            told = _limit(part)
+            if told is not None:
+                name, at_end, latest = told
+                yield name, needed | mine, at_end, latest
+
+
+def _limit(node: FNode) -> tuple[str, bool, int] | None:
+    """Return (activity, whether it is its end, units) if ``node`` says that and nothing else."""
+    if node.node_type not in (Op.LE, Op.LT):
+        return None
+    point, limit = node.args
+    if point.node_type is not Op.TIMING_EXP or not limit.is_constant():
+        return None
+    timing, value = point.timing(), limit.constant_value()
+    point, last = timing.timepoint, value - timing.delay
+    if point.container is None or point.kind not in (TimepointKind.START, TimepointKind.END):
+        return None
+    latest = math.ceil(last) - 1 if node.node_type is Op.LT else math.floor(last)
+    return str(point.container), point.kind is TimepointKind.END, latest
 
 
 StatedClause = tuple[tuple[str, ...], tuple[str, ...]]
