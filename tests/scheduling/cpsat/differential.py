@@ -11,7 +11,7 @@ from up_samp.upio.plan import build_schedule
 from up_samp.validation.schedule import evaluate_metric, judge_schedule
 
 
-def disagreement(seed: int, workers: int = 1, tuning: Tuning | None = None) -> str | None:
+def disagreement(seed: int, workers: int = 1, tuning: Tuning = Tuning()) -> str | None:
     """Return what differs on the problem of ``seed`` (``None``: nothing)."""
     problem = random_problem(seed)
     best = brute_force(problem, HORIZON)
