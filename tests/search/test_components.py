@@ -153,6 +153,7 @@ def test_a_preset_is_a_list_of_components():
     full = parts("default")
     assert [s.name for s in full.statements] == [
         "lower bounds on motions",
+        "what is due too soon",
         "proofs of unreachability",
         "unary places",
         "orders on rings",
