@@ -29,7 +29,7 @@ from tests.scheduling.cpsat.random_problems import random_problem
 from up_samp.engines.factory import engine_named
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.scheduling import known_engines, open_scheduler
-from up_samp.scheduling.compilers.translate import read_problem
+from up_samp.scheduling.compilers.translate import read_plain
 from up_samp.scheduling.engine_scheduler import chain, compilers_for
 from up_samp.scheduling.quirks import quirks_of
 from up_samp.validation import validate_plan
@@ -123,7 +123,7 @@ def test_other_engines_schedule_what_is_drawn_by_other_metrics(engine):
 def refusal(engine, problem):
     """Return why a wrapped engine cannot be told the problem (None: it can)."""
     try:
-        chain(read_problem(problem), compilers_for(quirks_of(factory().engine(engine))))
+        chain(read_plain(problem), compilers_for(quirks_of(factory().engine(engine))))
     except UnsupportedError as error:
         return str(error)
     return None
