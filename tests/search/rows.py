@@ -91,7 +91,8 @@ FLOORS = {
 @dataclass(frozen=True)
 class Row:
     """Robots at places of a floor: ``starts`` and ``goals`` are numbers of places. Those in
-    ``optional`` may drive, and need not.
+    ``optional`` may drive, and need not. Drives begin where robots are, by another name of
+    it if they are ``called_otherwise``.
     """
 
     floor: Floor
@@ -99,6 +100,7 @@ class Row:
     goals: tuple[int, ...]
     optional: frozenset[int] = frozenset()
     model: int = 0
+    called_otherwise: bool = False
 
     @property
     def solvable(self) -> bool:
@@ -127,7 +129,7 @@ def drawn(seed: int, floor: str) -> Row:
     starts, goals = rng.sample(places, count), rng.sample(places, count)
     model = 0 if floor == "bend" or made.round else rng.choice((0, 0, 1))
     parked = frozenset({rng.randrange(count)} if rng.random() < 0.3 else ())
-    return Row(made, tuple(starts), tuple(goals), parked, model)
+    return Row(made, tuple(starts), tuple(goals), parked, model, rng.random() < 0.5)
 
 
 def problem_of(row: Row, folder, seed: int = 0):
@@ -139,14 +141,15 @@ def problem_of(row: Row, folder, seed: int = 0):
     write_map(folder, "row", cells, CELL)
     env = get_environment()
     types = env.type_manager
-    kind = types.ConfigurationType(
-        "place", OccupancyMap(str(folder / "row.yaml"), (0, 0)), ConfigurationKind.SE2
-    )
+    floor = OccupancyMap(str(folder / "row.yaml"), (0, 0))
+    kind = types.ConfigurationType("place", floor, ConfigurationKind.SE2)
     problem = SchedulingMotionProblem("row", env)
-    places = []
-    for k, pose in enumerate(row.floor.places):
-        places.append(ConfigurationObject(f"p{k}", kind, SE2(*pose), env))
-        problem.add_object(places[-1])
+    places = {}
+    for name, turns in (("p", 0), ("q", 1)):
+        for k, (x, y, turn) in enumerate(row.floor.places):
+            pose = SE2(x, y, turn + 2 * math.pi * turns)
+            places[name, k] = ConfigurationObject(f"{name}{k}", kind, pose, env)
+            problem.add_object(places[name, k])
     model, more = MODELS[row.model]
     for i, (start, goal) in enumerate(zip(row.starts, row.goals, strict=True)):
         robot = MovableObject(
@@ -158,9 +161,13 @@ def problem_of(row: Row, folder, seed: int = 0):
             env=env,
         )
         problem.add_object(robot)
-        problem.set_initial_configuration(robot, places[start])
+        problem.set_initial_configuration(robot, places["p", start])
         go = problem.add_motion_activity(f"go{i}", 1, optional=i in row.optional)
         go.set_duration_bounds(1, 500)
-        go.add_motion_constraint(ActivityWaypoints(robot, places[start], [places[goal]]))
+        begin = places["p", start]
+        if row.called_otherwise:
+            begin = problem.add_fluent(f"at{i}", kind, default_initial_value=places["q", start])()
+            go.add_effect(go.end, begin, places["p", goal])
+        go.add_motion_constraint(ActivityWaypoints(robot, begin, [places["p", goal]]))
     problem.add_quality_metric(MinimizeMakespan())
     return shuffled(problem, seed, rename=False).problem

@@ -119,6 +119,14 @@ def test_three_on_a_ring_keep_who_is_between_whom(pocket):
         assert apart([floor.places[k] for k in ends]) != kept, ends
 
 
+def test_who_leaves_by_another_name_of_its_place_makes_way(tmp_path):
+    """The third one may not come before the first one has left where it began."""
+    row = Row(ring(), (0, 2, 4), (3, 5, 1), called_otherwise=True)
+    assert row.solvable
+    result = solve(problem_of(row, tmp_path), 20.0)
+    assert result.status is not Status.UNSOLVABLE_PROVEN, str(result.log_messages)
+
+
 def test_two_on_a_ring_come_everywhere():
     floor = ring()
     apart = on_a_ring(floor, 2)

@@ -448,22 +448,23 @@ def _ways(facts: Facts, node: Node) -> list[Arrival | None]:
 
 def _drives(facts: Facts, node: Node, which: int) -> list[Arrival]:
     """Return the drives of an object that may begin (``which`` 0) or end (-1) at a place, with the
-    decisions under which they do.
+    decisions under which they do. Who came to a place by one name of it may leave it by another.
     """
     name, place = node
+    names = facts.snapshot.alike.get(place, ()) if which == 0 else ()
     found: list[Arrival] = []
     for task in facts.snapshot.by_object.get(name, ()):
-        there = places_of(facts, task, which)
-        if place in there:
-            variable = there[place]
-            found.append((task.activity, () if variable is None else ((variable, place),)))
+        for there, variable in places_of(facts, task, which).items():
+            if there in (place, *names):
+                found.append((task.activity, () if variable is None else ((variable, there),)))
     return found
 
 
 # ------------------ Handing over a place: who arrives where another one leaves comes later
 # Two objects share a place if they would overlap there. Who arrives then comes a *gap* after the
 # other one's departure has begun. The gap is *proven* by the footprints and the accelerations alone
-# (the last metres of the one and the first metres of the other).
+# (the last metres of the one and the first metres of the other). Both are under way then: after the
+# one drive and before the other, bodies may be others, and none may have to heed the other.
 
 
 PAIRS = 1500
@@ -480,7 +481,9 @@ def proven_handovers(motions: Motions) -> list[Refinement]:
         return []
     found = []
     for leaving, coming in pairs:
-        units = facts.units(proven_gap(facts.signature(leaving), facts.signature(coming)))
+        both = facts.signature(leaving), facts.signature(coming)
+        least = min(motions.service.lower_bound(*one) for one in both)
+        units = facts.units(min(least, proven_gap(*both)))
         if units > 0:
             cut = rules.handed_over(
                 leaving.activity,
