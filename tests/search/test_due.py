@@ -1,22 +1,48 @@
 """What is due too soon is told at once; what a plan keeps is never told to be too soon."""
 
+import itertools
 import random
 import re
 import time
 
 import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
+from unified_planning.model.motion import (
+    SE2,
+    ActivityWaypoints,
+    ConfigurationKind,
+    ConfigurationObject,
+    MotionModels,
+    MovableObject,
+    OccupancyMap,
+    SchedulingMotionProblem,
+)
 from unified_planning.model.scheduling import Activity
-from unified_planning.shortcuts import GE, LE, LT, And, Implies, Not, OneshotPlanner, Or
+from unified_planning.shortcuts import (
+    GE,
+    LE,
+    LT,
+    And,
+    ConfigurationType,
+    Implies,
+    MinimizeMakespan,
+    MovableType,
+    Not,
+    OneshotPlanner,
+    Or,
+)
 
+from tests.benchmarks.scene import hall_map
 from tests.metamorphic.motions import ALIKE, OTHERS, write
 from tests.metamorphic.sites import FAMILIES
 from tests.shuffled import shuffled
 from up_samp.benchmarks.instances import instance
-from up_samp.model import Deadline
+from up_samp.model import Deadline, TrafficZone
+from up_samp.model.frames import Frame
 from up_samp.scheduling.cpsat.encode.terms import least
 from up_samp.search import loop
 from up_samp.search.due import SoonestEnds, due_too_soon
+from up_samp.search.facts import units_apart
 from up_samp.search.params import Parameters
 from up_samp.search.search import Wrapped
 from up_samp.search.session import open_search
@@ -106,6 +132,80 @@ def test_what_a_site_has_a_plan_for_is_not_due_too_soon(family, tmp_path):
 def test_what_many_sites_have_plans_for_is_not_due_too_soon(family, tmp_path):
     for seed, style in enumerate(STYLES):
         tell_when(write(FAMILIES[family](seed), style, tmp_path), seed)
+
+
+def docked(rng, places):
+    """A robot that drives from place to place in a hall, in order; it comes slowly to the
+    last one, a dock, if it does so from outside of the zone before it.
+    """
+    problem = SchedulingMotionProblem("docked")
+    hall = OccupancyMap(str(hall_map(divided=False)), SE2(0.0, 0.0, 0.0))
+    pose = ConfigurationType("pose", hall, ConfigurationKind.SE2)
+    x, y, turn = places[-1]
+    frame = Frame(x, y, turn)
+    corners = frame.points([(-2.0, -0.01), (0.01, -0.01), (0.01, 0.01), (-2.0, 0.01)])
+    zone = TrafficZone(tuple(map(tuple, corners.tolist())), 0.1, dock=(x, y, turn))
+    turns = rng.choice((None, 0.0, 1.0))  # None: it moves in any direction
+    more = {} if turns is None else {"turning_radius": turns}
+    robot = MovableObject(
+        "robot",
+        MovableType("robot"),
+        footprint=[(-0.4, -0.3), (0.4, -0.3), (0.4, 0.3), (-0.4, 0.3)],
+        motion_model=MotionModels.SE2 if turns is None else MotionModels.REEDSSHEPP,
+        motion_parameters={"v_max": 1.0, "a_max": 1.0, "zones": (zone,), **more},
+    )
+    problem.add_object(robot)
+    at = [ConfigurationObject(f"at{k}", pose, SE2(*place)) for k, place in enumerate(places)]
+    problem.add_objects(at)
+    problem.set_initial_configuration(robot, at[0])
+    drives = []
+    for k, (start, goal) in enumerate(itertools.pairwise(at)):
+        drives.append(problem.add_motion_activity(f"drive{k}", 1))
+        drives[-1].set_duration_bounds(1, 100)
+        drives[-1].add_motion_constraint(ActivityWaypoints(robot, start, [goal]))
+    for one, other in itertools.pairwise(drives):
+        problem.add_constraint(LE(one.end, other.start))
+    problem.add_quality_metric(MinimizeMakespan())
+    return problem, drives[-1]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_is_done_with_a_stop_before_a_dock_is_not_due_too_soon(seed):
+    """What a dock asks for binds the last drive: from within its zone that is a short one."""
+    rng = random.Random(seed)
+    goal = rng.uniform(12, 20), 10.0, rng.uniform(-0.5, 0.5)
+    before = [Frame(*goal).of((-ahead, 0.0, 0.0)) for ahead in (rng.uniform(4, 8), 0.2)]
+    problem, last = docked(rng, [*before, goal])
+    problem = shuffled(problem, seed, rename=False).problem
+    problem.add_constraint(LE(problem.get_activity(last.name).end, 15))
+    result = plan_of(problem)
+    assert result.plan is not None, result.log_messages
+
+
+@pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.long) for k in range(2, 9))])
+def test_no_place_is_nearer_with_a_stop_on_the_way(seed):
+    """By what is known of tours: what is known of drives tells more of those that end at a dock."""
+    rng = random.Random(seed)
+
+    def drawn():
+        return rng.uniform(5, 35), rng.uniform(5, 15), rng.choice((0.0, rng.uniform(-3, 3)))
+
+    goal = drawn()
+    inside = [Frame(*goal).of((-rng.uniform(0.1, 1.9), 0.0, 0.0)) for _ in range(3)]
+    problem, _ = docked(rng, [*(drawn() for _ in range(4)), *inside, goal])
+    motions, more = motions_of(problem), 0
+    body = motions.facts.snapshot.objects["robot"].body
+    pose = motions.facts.snapshot.configurations
+
+    def driven(start, goal):
+        return motions.facts.units(motions.service.lower_bound(body, (pose[start], pose[goal])))
+
+    for start, stop, goal in itertools.permutations(pose, 3):
+        least = units_apart(motions.facts, motions.service, "robot", start, goal)
+        assert least <= driven(start, stop) + driven(stop, goal)
+        assert least <= driven(start, goal)
+        more += least < driven(start, goal)
+    assert more > 0
 
 
 @pytest.mark.parametrize("writing", WRITINGS)

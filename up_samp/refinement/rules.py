@@ -67,9 +67,9 @@ def elsewhen(reference: TimeRef, point: TimeRef, offset: int) -> list[Literal]:
     return [Apart(point, reference, 1 - offset), Apart(reference, point, offset + 1)]
 
 
-def impossible(activity: str, why: str) -> Refinement:
-    """State that a motion can never be made (the map alone forbids it)."""
-    return Refinement(Clause((Absent(activity),)), Layer.GEOMETRIC, Strength.PROVEN, why)
+def impossible(activity: str, why: str, layer: Layer = Layer.GEOMETRIC) -> Refinement:
+    """State that an activity can never be (of a motion: the map alone forbids it)."""
+    return Refinement(Clause((Absent(activity),)), layer, Strength.PROVEN, why)
 
 
 def lasts(

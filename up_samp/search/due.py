@@ -13,10 +13,11 @@ from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.model import check_time
 from up_samp.model.graphs import reached
-from up_samp.model.refinement import Refinement
+from up_samp.model.refinement import Layer, Refinement
 from up_samp.model.snapshot import Term, TermKind
 from up_samp.refinement import rules
 from up_samp.scheduling.cpsat.encode.terms import least
+from up_samp.search.facts import units_apart
 from up_samp.search.fleet.jobs import clauses_of, latest_times, needs_in, stated_gaps
 from up_samp.search.fleet_bound.timelines import guaranteed_locations
 from up_samp.search.world import Motions
@@ -37,7 +38,7 @@ def due_too_soon(problem: SchedulingMotionProblem, motions: Motions) -> list[Ref
             if first > latest:
                 what = "" if at_end else "begin: "
                 why = f"{what}due at {latest}, {first} at the soonest{soonest.who(name)}"
-                found.append(rules.impossible(name, why))
+                found.append(rules.impossible(name, why, Layer.BOUND))
     return found
 
 
@@ -142,15 +143,9 @@ class SoonestEnds:
         return units
 
     def _units(self, name: str, start: str, goal: str) -> int:
-        """Return what an object takes from place to place at least (units), however it drives.
-
-        Told of objects alone that nothing else moves, and that drive with one body: without a load
-        they may get through where they do not with one.
+        """Return what an object takes from place to place at least (units); 0 where something else
+        may move it.
         """
-        tasks, pose = self._snapshot.by_object[name], self._snapshot.configurations
-        bodies = {self._snapshot.body(t.activity, t.index, name) for t in tasks}
-        if start == goal or name in self._snapshot.moved_otherwise or len(bodies) > 1:
+        if start == goal or name in self._snapshot.moved_otherwise:
             return 0
-        seconds = self._motions.service.lower_bound(bodies.pop(), (pose[start], pose[goal]))
-        # it may come by all of its drives, one after the other
-        return max(0, self._facts.units(seconds, len(tasks)))
+        return units_apart(self._facts, self._motions.service, name, start, goal)

@@ -64,7 +64,8 @@ class JobsBound:
         items = None if called_for else items_of(problem, jobs, self._work, counted)
         if items is not None:  # it may drive anywhere in between
             self._modes, self._comings = items, {}
-            self._stops = {way.body: self._work.stops(way.kind) for way in items}
+            for body, kind in {(way.body, way.kind) for way in items}:  # kinds may have one body
+                self._stops[body] = self._stops.get(body, frozenset()) | self._work.stops(kind)
         parts = (jobs, counted) if items is None else None
         self._since = 0
         self._last = final_occupancy(self._work, facts.snapshot, service, self._modes, parts)

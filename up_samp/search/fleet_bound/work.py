@@ -19,7 +19,7 @@ from up_samp.model.deadline import check_time
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
 from up_samp.motion import MotionService
 from up_samp.scheduling.cpsat.encode.terms import least
-from up_samp.search.facts import Facts
+from up_samp.search.facts import Facts, units_apart
 from up_samp.search.fleet.jobs import Jobs, WorkMode, closed, held_by, stated_gaps
 from up_samp.search.fleet_bound.timelines import (
     RobotTimeline,
@@ -169,16 +169,20 @@ class JobWork:
         robots = self._of_kind[way.kind]
         if way.goal is None or any(self.lines.get(robot) is None for robot in robots):
             return 0, ()
-        starts = {self._facts.snapshot.initial[robot] for robot in robots}
-        coming = min(self._bound((way.body, start, way.goal)) for start in starts)
+        initial, facts = self._facts.snapshot.initial, self._facts
+        starts = {initial[robot]: robot for robot in robots}  # of one kind: anyone's body will do
+        coming = min(
+            units_apart(facts, self._service, robot, start, way.goal)
+            for start, robot in starts.items()
+        )
         later = tuple(leg for leg in way.legs if leg[-1] in way.after)
         # what it drives for the job before, over several places or not, may be how it comes
         told = way.after.issuperset(way.ends) or len(way.legs) + 1 == len(way.ends)
         return coming + way.busy * told + sum(map(self.units, later)), later
 
     def body(self, robot: str) -> Body:
-        """Return the body of a robot without loads."""
-        return self._facts.snapshot.objects[robot].body
+        """Return the body that tells what a robot takes over any number of places."""
+        return self._facts.bodies_on_tour[robot]
 
     def standing(self, name: str) -> int:
         """Return how long an activity lasts at least, if it is no drive."""
