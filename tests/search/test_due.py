@@ -182,7 +182,9 @@ def test_what_is_done_with_a_stop_before_a_dock_is_not_due_too_soon(seed):
     assert result.plan is not None, result.log_messages
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.long) for k in range(2, 9))])
+@pytest.mark.parametrize(
+    "seed", [1, *(pytest.param(k, marks=pytest.mark.long) for k in range(2, 9))]
+)
 def test_no_place_is_nearer_with_a_stop_on_the_way(seed):
     """By what is known of tours: what is known of drives tells more of those that end at a dock."""
     rng = random.Random(seed)
