@@ -266,6 +266,14 @@ def test_frames_that_are_refused(tmp_path, frames, text):
         solve(house.problem, timeout=10)
 
 
+def test_places_without_a_map_are_refused_by_name():
+    kind = get_environment().type_manager.ConfigurationType("afloat", None, ConfigurationKind.SE2)
+    problem = SchedulingMotionProblem("nowhere")
+    problem.add_object(ConfigurationObject("here", kind, SE2(0, 0, 0)))
+    with pytest.raises(ProblemError, match=r"type 'afloat' needs an OccupancyMap, not None"):
+        solve(problem, timeout=10)
+
+
 def test_halls_beside_each_other_at_one_height(tmp_path):
     """Each robot stays in its hall; a door between them would count in both: refused."""
     house = House([hall(tmp_path, "one"), hall(tmp_path, "two")], [(0, 0, 0), (12.0, 0, 0)])

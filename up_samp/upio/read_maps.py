@@ -11,7 +11,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from unified_planning.model.motion import MotionModels, MovableObject, SchedulingMotionProblem
+from unified_planning.model.motion import (
+    MotionModels,
+    MovableObject,
+    OccupancyMap,
+    SchedulingMotionProblem,
+)
 
 from up_samp.model import (
     Body,
@@ -84,6 +89,10 @@ def map_driven(starting: Any, known: Sequence[PlacedMap]) -> int:
 
 def _placed(user_type: Any) -> PlacedMap:
     given = user_type.occupancy_map
+    if not isinstance(given, OccupancyMap):
+        raise ProblemError(
+            f"configuration type '{user_type.name}' needs an OccupancyMap, not {short(given)}"
+        )
     frame, height = _frame(user_type.name, given.reference_frame)
     return PlacedMap(os.fspath(given.filename), frame, height)
 
