@@ -42,7 +42,7 @@ from up_samp.model.frames import Frame
 from up_samp.scheduling.cpsat.encode.terms import least
 from up_samp.search import loop
 from up_samp.search.due import SoonestEnds, due_too_soon
-from up_samp.search.facts import units_apart
+from up_samp.search.fleet_bound.work import units_apart
 from up_samp.search.params import Parameters
 from up_samp.search.search import Wrapped
 from up_samp.search.session import open_search

@@ -285,6 +285,12 @@ class Body:
         """Whether it moves in space."""
         return self.mobility.flies
 
+    @property
+    def but_docks(self) -> Body:
+        """The same without what its docks ask for."""
+        zones = tuple(zone for zone in self.kinematics.zones if zone.dock is None)
+        return replace(self, kinematics=replace(self.kinematics, zones=zones))
+
 
 @dataclass(frozen=True)
 class Movable:

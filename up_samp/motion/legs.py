@@ -456,12 +456,6 @@ def dock_of(body: Body, goal: Configuration) -> TrafficZone | None:
     return next((z for z in body.kinematics.zones if z.dock and z.binds(goal)), None)
 
 
-def but_docks(body: Body) -> Body:
-    """Return a body without what its docks ask for."""
-    zones = tuple(zone for zone in body.kinematics.zones if zone.dock is None)
-    return replace(body, kinematics=replace(body.kinematics, zones=zones))
-
-
 def is_docking(body: Body, start: Configuration, goal: Configuration) -> bool:
     """Return whether a leg is the straight stretch to a dock, or a part of it."""
     zone = dock_of(body, goal)

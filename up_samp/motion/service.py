@@ -38,7 +38,6 @@ from up_samp.motion.guides import along_lanes
 from up_samp.motion.legs import (
     Legs,
     before_docking,
-    but_docks,
     check_ways,
     strung,
     strung_at_full_speed,
@@ -109,7 +108,7 @@ class MotionService:
         if query.body.kinematics.ways and used in parts("planners"):
             check_ways(query.body, whole, used)
         motion = slowed(whole, query.body)
-        usual = but_docks(query.body)  # what a dock asks for is the same on every way
+        usual = query.body.but_docks  # what a dock asks for is the same on every way
         best = slowed(whole, usual) is whole and seconds_of(whole, usual) == whole.duration
         best = best and not query.body.kinematics.heeds_turns
         final = all(leg.complete for leg in legs)

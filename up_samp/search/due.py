@@ -17,9 +17,9 @@ from up_samp.model.refinement import Layer, Refinement
 from up_samp.model.snapshot import Term, TermKind
 from up_samp.refinement import rules
 from up_samp.scheduling.cpsat.encode.terms import least
-from up_samp.search.facts import units_apart
 from up_samp.search.fleet.jobs import clauses_of, latest_times, needs_in, stated_gaps
 from up_samp.search.fleet_bound.timelines import guaranteed_locations
+from up_samp.search.fleet_bound.work import units_apart
 from up_samp.search.world import Motions
 
 _SEEN = 1

@@ -8,18 +8,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from up_samp.model import (
-    Body,
-    Configuration,
-    PathReport,
-    Placed,
-    ScheduledMotion,
-    avoids,
-)
+from up_samp.model import Body, Configuration, PathReport, Placed, ScheduledMotion, avoids
 from up_samp.model.refinement import Given
 from up_samp.model.snapshot import MotionTask, Snapshot, Term, TermKind
-from up_samp.motion import MotionService
-from up_samp.motion.legs import but_docks
 from up_samp.upio import ConfigurationChoice
 
 
@@ -182,7 +173,7 @@ class Facts:
         """By object what no tour of it from place to place, over others or not, is faster than in
         one drive: loads only slow it down, and what a dock asks for binds the last drive alone.
         """
-        return {name: but_docks(item.body) for name, item in self.snapshot.objects.items()}
+        return {name: item.body.but_docks for name, item in self.snapshot.objects.items()}
 
     def placed(self, name: str, configuration: str) -> Placed:
         """Return an object at a configuration."""
@@ -213,16 +204,6 @@ class Facts:
         terms += [r.goal for r in self.snapshot.rides if r.load == obstacle]
         terms += [c.term for c in self.snapshot.changes if c.object == obstacle]
         return any(t.kind is not TermKind.CONSTANT or t.name == configuration for t in terms)
-
-
-def units_apart(facts: Facts, service: MotionService, name: str, start: str, goal: str) -> int:
-    """Return units that an object takes from place to place at least, however many drives it makes.
-
-    Assumes: nothing but its drives moves it.
-    """
-    pose, body = facts.snapshot.configurations, facts.bodies_on_tour[name]
-    seconds = service.lower_bound(body, (pose[start], pose[goal]))
-    return max(0, facts.units(seconds, len(facts.snapshot.by_object[name])))
 
 
 def just_this(facts: Facts, motion: ScheduledMotion) -> list[MotionCase]:

@@ -448,14 +448,14 @@ def _ways(facts: Facts, node: Node) -> list[Arrival | None]:
 
 def _drives(facts: Facts, node: Node, which: int) -> list[Arrival]:
     """Return the drives of an object that may begin (``which`` 0) or end (-1) at a place, with the
-    decisions under which they do. Who came to a place by one name of it may leave it by another.
+    decisions under which they do, by any name of it: who came by one may leave by another.
     """
     name, place = node
-    names = facts.snapshot.alike.get(place, ()) if which == 0 else ()
+    names = facts.snapshot.alike.get(place, (place,))
     found: list[Arrival] = []
     for task in facts.snapshot.by_object.get(name, ()):
         for there, variable in places_of(facts, task, which).items():
-            if there in (place, *names):
+            if there in names:
                 found.append((task.activity, () if variable is None else ((variable, there),)))
     return found
 

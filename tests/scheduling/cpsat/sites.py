@@ -11,7 +11,8 @@ from dataclasses import dataclass, field, replace
 class Task:
     """Done once, by one robot, at one of ``places``; after the tasks in ``after``.
 
-    ``helped``: somebody who needs no place may do it as well, by no machine.
+    ``helped``: somebody who needs no place may do it as well, by no machine. Nobody starts it
+    before ``released``, but for the first robot where it is ``early``.
     """
 
     places: tuple[int, ...]
@@ -19,6 +20,8 @@ class Task:
     machine: int | None = None
     after: tuple[int, ...] = ()
     helped: bool = False
+    released: int = 0
+    early: bool = False
 
 
 @dataclass(frozen=True)
@@ -107,7 +110,18 @@ def small(seed: int) -> Site:
     home = rng.random() < 0.3
     visits = {r: rng.choice(places) for r in range(len(starts)) if rng.random() < 0.4}
     helped = [replace(task, helped=rng.random() < 0.2) for task in tasks]
-    return Site(starts, roads, tuple(helped), doors, home, visits=visits)
+    return Site(starts, roads, _released(helped, seed), doors, home, visits=visits)
+
+
+def _released(tasks, seed: int) -> tuple[Task, ...]:
+    """Return tasks of which some are released at some time."""
+    rng = random.Random(f"released {seed}")
+    if rng.random() < 0.5:
+        return tuple(tasks)
+    return tuple(
+        replace(task, released=rng.choice([0, 2, 5, 9, 14]), early=rng.random() < 0.3)
+        for task in tasks
+    )
 
 
 def dispatch(seed: int) -> Site:
@@ -117,4 +131,5 @@ def dispatch(seed: int) -> Site:
     spots = [(rng.randint(0, 20), rng.randint(0, 20)) for _ in range(robots + tasks)]
     roads = {pair: _length(spots, *pair) for pair in itertools.permutations(range(len(spots)), 2)}
     visited = tuple(Task((robots + t,), rng.randint(1, 3)) for t in range(tasks))
-    return Site(tuple(range(robots)), roads, visited, home=rng.random() < 0.5)
+    home = rng.random() < 0.5
+    return Site(tuple(range(robots)), roads, _released(visited, seed), home=home)

@@ -69,6 +69,7 @@ class Writer(OneAtATime):
             self._alone(some, style.machine, self._same_task())
         for t in range(len(site.tasks)):
             self._exactly_one(t)
+            self._release(t)
             for before in site.tasks[t].after:
                 self._in_order(before, t)
         for r, p in site.visits.items():
@@ -342,6 +343,20 @@ class Writer(OneAtATime):
             else:
                 for other in others if self.kept() else []:
                     self.problem.add_constraint(Or(Not(a.present), Not(other)))
+
+    def _release(self, t):
+        """State before when a task does not start, as one may write it."""
+        task, problem = self.site.tasks[t], self.problem
+        for k, a in enumerate(self._ways(t)[task.early :] if task.released else ()):
+            since = task.released
+            limits = GE(a.start, since), LE(since, a.start), GE(a.end, since + task.length)
+            limit = limits[(t + k + self.style.shuffled) % 3]
+            if self.style.order == "inside":
+                a.add_constraint(limit)
+            elif self.style.order == "implies":
+                problem.add_constraint(Implies(a.present, limit))
+            else:
+                problem.add_constraint(limit, [a.present])
 
     def _in_order(self, before, then):
         for b in self._ways(then):

@@ -19,7 +19,7 @@ from up_samp.model.deadline import check_time
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
 from up_samp.motion import MotionService
 from up_samp.scheduling.cpsat.encode.terms import least
-from up_samp.search.facts import Facts, units_apart
+from up_samp.search.facts import Facts
 from up_samp.search.fleet.jobs import Jobs, WorkMode, closed, held_by, stated_gaps
 from up_samp.search.fleet_bound.timelines import (
     RobotTimeline,
@@ -31,6 +31,15 @@ from up_samp.search.fleet_bound.timelines import (
 Leg = tuple[Body, str, str]
 """What is driven, from one configuration to another (names)."""
 Units = Callable[[Leg], int]
+
+
+def units_apart(facts: Facts, service: MotionService, name: str, start: str, goal: str) -> int:
+    """Return units that an object which nothing but its drives moves takes from place to place at
+    least, however many it makes.
+    """
+    pose, body = facts.snapshot.configurations, facts.bodies_on_tour[name]
+    seconds = service.lower_bound(body, (pose[start], pose[goal]))
+    return max(0, facts.units(seconds, len(facts.snapshot.by_object[name])))
 
 
 @dataclass(frozen=True)

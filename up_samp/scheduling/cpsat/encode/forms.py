@@ -147,6 +147,23 @@ def parts_of(op: str, form: Form) -> tuple[Form, ...]:
     return form[1:] if form.__class__ is tuple and form[0] == op else (form,)
 
 
+def conditional(form: Form) -> tuple[frozenset[Literal], Cmp] | None:
+    """Return (literals, comparison) if a form says that the one holds if all of the others do."""
+    parts = parts_of("|", form)
+    stated = [part for part in parts if part.__class__ is not int]
+    if len(stated) != 1 or stated[0].__class__ is not Cmp:
+        return None
+    asked = {~part for part in parts if part.__class__ is int} | {*stated[0].needs}
+    return frozenset(asked), stated[0]
+
+
+def least_told(form: Form) -> tuple[int, int] | None:
+    """Return (v, k) if a form says ``v >= k`` of one variable, and nothing else."""
+    if form.__class__ is Cmp and form.op == "<=" and [c for _, c in form.terms] == [-1]:
+        return form.terms[0][0], form.const
+    return None
+
+
 def conjunction(forms: Iterable[Form]) -> Form:
     """Return the conjunction of ``forms``, flattened and folded."""
     return _combine("&", TRUE, FALSE, forms)

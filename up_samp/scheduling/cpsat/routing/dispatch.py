@@ -29,6 +29,7 @@ from up_samp.scheduling.cpsat.routing.needs import (
     find_set_back,
     gaps_told,
     later_than,
+    releases_told,
     ways_with,
 )
 from up_samp.scheduling.cpsat.routing.route import Move, Route
@@ -150,17 +151,18 @@ def _places(
 
 @dataclass
 class RoutedTask:
-    """Done once at most, in one of ``ways``: (route, stop's name, places). One that is ``wanted``
-    is done in one of them in every schedule. ``after`` are (task, time from its start), ``apart``
-    are (task, gap); ``tail`` is the least time from its start to the end of what is done on no
-    route. ``changes`` are (state, value, time from the start), of the states that ways need or that
-    moves keep as they are.
-    A ``visit`` is done by nothing but arriving.
+    """Done once at most, in one of ``ways``: (route, stop's name, places), no sooner than its
+    ``release``. One that is ``wanted`` is done in one of them in every schedule. ``after`` are
+    (task, time from its start), ``apart`` are (task, gap); ``tail`` is the least time from its
+    start to the end of what is done on no route. ``changes`` are (state, value, time from the
+    start), of the states that ways need or that moves keep as they are. A ``visit`` is done by
+    nothing but arriving.
     """
 
     length: int
     wanted: bool
     ways: list[tuple[int, str, frozenset[int]]] = field(default_factory=list)
+    release: int = 0
     after: list[tuple[int, int]] = field(default_factory=list)
     apart: list[tuple[int, int]] = field(default_factory=list)
     changes: list[tuple[Key, int, int]] = field(default_factory=list)
@@ -251,6 +253,7 @@ def _merged(
     for i in kept:
         one, some = tasks[i], [tasks[m] for m in members.get(i, [i])]
         one.ways = [way for task in some for way in task.ways]
+        one.release = min(task.release for task in some)
         one.stirs = [s for s in one.stirs if all(s in task.stirs for task in some)]
         one.after, one.apart = of_each(i, one.after), of_each(i, one.apart)
         one.queues = [(end, {number[t]: n for t, n in some.items()}) for end, some in one.queues]
@@ -398,25 +401,7 @@ def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[RoutedTask]:
     Assumes: what has one start is done once at most; it is wanted only where
     :meth:`ScheduleModel.surely` says so.
     """
-    numbers: dict[int, int] = {}
-    tasks: list[RoutedTask] = []
-    owners: dict[int, int] = {}
-    presences: dict[int, list[Literal]] = {}
-    for number, route in enumerate(routes):
-        for name, places in route.stops:
-            activity = model.world.activities[name]
-            start = activity.start.terms[0][0]
-            if start not in numbers:
-                numbers[start] = len(tasks)
-                tasks.append(RoutedTask(activity.least, wanted=False))
-            owners[activity.index] = numbers[start]
-            presences.setdefault(numbers[start], []).append(activity.present)
-            tasks[numbers[start]].ways.append((number, name, places))
-        for name, places in route.visits:
-            tasks.append(RoutedTask(0, True, [(number, name, places)], visit=True))
-    for number, some in presences.items():
-        # what may be done without any route is not sure, though one of the alternatives is
-        tasks[number].wanted = model.surely(some)
+    tasks, numbers, owners = _stops(model, routes)
     for form in model.stated:
         told = difference_told(form)
         if told is not None and not form.needs and told[0] in numbers and told[1] in numbers:
@@ -440,6 +425,36 @@ def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[RoutedTask]:
     states = {k: s for k, s in model.states.vars.items() if k in asked and not s.numeric}
     _find_changes(model, states, owners, tasks)
     return with_openings(model, routes, tasks)
+
+
+def _stops(
+    model: ScheduleModel, routes: list[Route]
+) -> tuple[list[RoutedTask], dict[int, int], dict[int, int]]:
+    """Return what is done at stops, with the number of each by its start and by its activities."""
+    numbers: dict[int, int] = {}
+    tasks: list[RoutedTask] = []
+    owners: dict[int, int] = {}
+    presences: dict[int, list[Literal]] = {}
+    for number, route in enumerate(routes):
+        for name, places in route.stops:
+            activity = model.world.activities[name]
+            start = activity.start.terms[0][0]
+            if start not in numbers:
+                numbers[start] = len(tasks)
+                tasks.append(RoutedTask(activity.least, wanted=False))
+            owners[activity.index] = numbers[start]
+            presences.setdefault(numbers[start], []).append(activity.present)
+            tasks[numbers[start]].ways.append((number, name, places))
+        for name, places in route.visits:
+            tasks.append(RoutedTask(0, True, [(number, name, places)], visit=True))
+    for number, some in presences.items():
+        # what may be done without any route is not sure, though one of the alternatives is
+        tasks[number].wanted = model.surely(some)
+    for start, since in releases_told(model).items():
+        if start in numbers:  # in whichever of its ways it is done
+            sure = min(since.get(presence, 0) for presence in presences[numbers[start]])
+            tasks[numbers[start]].release = max(0, since.get(TRUE, 0), sure)
+    return tasks, numbers, owners
 
 
 def _gap_between(model: ScheduleModel, one: RoutedTask, other: RoutedTask) -> int | None:

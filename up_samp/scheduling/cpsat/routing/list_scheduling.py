@@ -25,7 +25,7 @@ from up_samp.scheduling.cpsat.routing.route import (
     changes_by_name,
     expand,
 )
-from up_samp.scheduling.cpsat.routing.rules import tails_of
+from up_samp.scheduling.cpsat.routing.rules import tails_of_wanted
 from up_samp.scheduling.cpsat.routing.sequences import Found, Sequences
 
 Step = tuple[int, int]
@@ -158,7 +158,7 @@ class Decoder:
         self.order.append(number)
 
     def _earliest(self, task: RoutedTask) -> int:
-        start = 0
+        start = task.release
         for before, gap in task.after:
             if before in self.done:
                 start = max(start, self.done[before][0] + gap)
@@ -555,8 +555,7 @@ def _greedy(work: RoutedWork, rng: random.Random, attempts: int) -> Tour | None:
     wanted = [i for i, task in enumerate(work.tasks) if task.wanted]
     if not wanted:
         return None
-    arcs = [(before, i, gap) for i, task in enumerate(work.tasks) for before, gap in task.after]
-    tails = tails_of(work.tasks, arcs)
+    tails = tails_of_wanted(work)
     found = []
     for attempt in range(attempts):
         noise = {i: rng.random() * attempt for i in wanted}

@@ -13,7 +13,9 @@ from up_samp.scheduling.cpsat.encode.forms import (
     TRUE,
     Cmp,
     Literal,
+    conditional,
     difference_told,
+    least_told,
     parts_of,
 )
 from up_samp.scheduling.cpsat.encode.states import Key, Read, StateVar
@@ -193,14 +195,26 @@ def gaps_told(model: ScheduleModel) -> dict[frozenset[int], Gaps]:
             gaps = found.setdefault(frozenset({activity.present} - {TRUE}), {})
             gaps.setdefault(start.terms[0][0], {})[end.terms[0][0]] = lasts
     for form in model.stated:
-        parts = parts_of("|", form)
-        stated = [part for part in parts if part.__class__ is not int]
-        told = difference_told(stated[0]) if len(stated) == 1 else None
+        asked, stated = conditional(form) or (frozenset(), TRUE)
+        told = difference_told(stated)
         if told is not None:
             first, last, gap = told
-            asked = {~part for part in parts if part.__class__ is int} | {*stated[0].needs}
-            then = found.setdefault(frozenset(asked), {}).setdefault(first, {})
+            then = found.setdefault(asked, {}).setdefault(first, {})
             then[last] = max(gap, then.get(last, gap))
+    return found
+
+
+def releases_told(model: ScheduleModel) -> dict[int, dict[Literal, int]]:
+    """Return when times are at the soonest, as is stated: always (``TRUE``), and by each presence
+    on which that hangs alone.
+    """
+    found: dict[int, dict[Literal, int]] = {}
+    for form in model.stated:
+        asked, stated = conditional(form) or (frozenset(), TRUE)
+        told = least_told(stated)
+        if told is not None and len(asked) <= 1:
+            since, literal = found.setdefault(told[0], {}), min(asked, default=TRUE)
+            since[literal] = max(told[1], since.get(literal, 0))
     return found
 
 

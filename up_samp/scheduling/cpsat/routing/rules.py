@@ -247,6 +247,14 @@ def tails_of(tasks: list[RoutedTask], arcs: list[tuple[int, int, int]]) -> list[
     return tails
 
 
+def tails_of_wanted(work: RoutedWork) -> list[int]:
+    """Return the tails of all tasks, by what surely comes after them."""
+    tasks = work.tasks
+    sure = ((i, task) for i, task in enumerate(tasks) if task.wanted)
+    arcs = [(before, i, gap) for i, task in sure for before, gap in task.after]
+    return tails_of(tasks, arcs)
+
+
 def change_of(programme: Programme, ways: list[TravelTables], number: int) -> StateChange | None:
     """Return what a task changes while moves of others keep it as it is: the most of them."""
     found: list[StateChange] = []

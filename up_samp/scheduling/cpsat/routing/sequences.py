@@ -179,7 +179,7 @@ class Steps:
     def _soonest(self, labels: LabelTable, task: int) -> Any:
         """Return when a task may start, after the last ones of all travellers."""
         rules = self.rules
-        soonest = np.zeros(len(labels), dtype=np.int64)
+        soonest = np.full(len(labels), rules.programme.tasks[task].release, dtype=np.int64)
         for axis in range(len(rules.ways)):
             last = labels.last[:, axis]
             since = labels.free[:, axis] - rules.gaps[axis] - rules.lengths[last]

@@ -12,7 +12,12 @@ from up_samp.model import Deadline
 from up_samp.scheduling.cpsat.encode.terms import INFINITE
 from up_samp.scheduling.cpsat.routing.dispatch import RoutedWork
 from up_samp.scheduling.cpsat.routing.route import way_back
-from up_samp.scheduling.cpsat.routing.rules import Programme, SequenceRules, cost
+from up_samp.scheduling.cpsat.routing.rules import (
+    Programme,
+    SequenceRules,
+    cost,
+    tails_of_wanted,
+)
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
 from up_samp.scheduling.cpsat.solve.runner import run
 from up_samp.tuning import Tuning
@@ -129,6 +134,14 @@ def bound_by_assignment(work: RoutedWork, known: int, deadline: Deadline = Deadl
 # by the number of travellers is a bound. Sequences of tasks then prove more (``sequences``).
 
 
+def bound_by_releases(work: RoutedWork) -> int:
+    """Return a lower bound on the makespan by when tasks are released, and what comes after them:
+    of those that are wanted.
+    """
+    pairs = zip(work.tasks, tails_of_wanted(work), strict=True)
+    return max((task.release + tail for task, tail in pairs if task.wanted), default=0)
+
+
 @dataclass(frozen=True)
 class WorkBound:
     """A lower bound on the makespan, and the sequences of tasks that it was found among (``None``:
@@ -156,6 +169,7 @@ def bound_by_work(
     :param deadline: when to give up with what is known (None: never).
     :param value: the makespan of a schedule (0: there is none); no more is asked for.
     """
+    known = max(known, bound_by_releases(work))
     programme = Programme.of(work, _STATES) or Programme.of(work, _STATES, doors=False)
     if programme is None:
         return WorkBound(bound_by_assignment(work, known, deadline))
