@@ -17,9 +17,7 @@ from unified_planning.model.motion import (
     OccupancyMap,
     SchedulingMotionProblem,
 )
-from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import (
-    GE,
     LE,
     LT,
     And,
@@ -35,6 +33,7 @@ from unified_planning.shortcuts import (
 from tests.benchmarks.scene import hall_map
 from tests.metamorphic.motions import ALIKE, OTHERS, write
 from tests.metamorphic.sites import FAMILIES
+from tests.search.limits import WRITINGS, by_scope, limits, releases
 from tests.shuffled import shuffled
 from up_samp.benchmarks.instances import instance
 from up_samp.model import Deadline, TrafficZone
@@ -52,27 +51,6 @@ INSTANCES = (
     "logistics-do-oc-r1-i1", "logistics-do-all-r2-i2", "jobshop-r2-j1-m1",
     "kitting-r2-k1-p3-d2", "doors-r2-d1", "warehouse-r2-o3", "warehouse-compact-r2-o3",
 )  # fmt: skip
-
-
-def by_scope(problem, activity: Activity, limit):
-    problem.add_constraint(limit, scope=[activity.present] if activity.optional else [])
-
-
-def by_implication(problem, activity: Activity, limit):
-    there = activity.present if activity.optional else True
-    problem.add_constraint(Implies(there, limit))
-
-
-def of_the_activity(problem, activity: Activity, limit):
-    activity.add_constraint(limit)
-
-
-WRITINGS = (by_scope, by_implication, of_the_activity)
-
-
-def limits(point, units):
-    """Return that a time is so many units at most, as one may write it."""
-    return LE(point, units), LT(point, units + 1), GE(units, point), LE(point - 2, units - 2)
 
 
 def plan_of(problem, **params):
@@ -102,12 +80,14 @@ def tell_when(problem, seed):
 
     times = {a.name: (units(a.start), units(a.end)) for a in activities}
     for activity in activities:
-        for point, latest in zip((activity.start, activity.end), times[activity.name], strict=True):
-            rng.choice(WRITINGS)(problem, activity, rng.choice(limits(point, latest)))
+        for point, then in zip((activity.start, activity.end), times[activity.name], strict=True):
+            rng.choice(WRITINGS)(problem, activity, rng.choice(limits(point, then)))
+            if rng.random() < 0.3:
+                rng.choice(WRITINGS)(problem, activity, rng.choice(releases(point, then)))
     motions = motions_of(problem)
     told = due_too_soon(problem, motions)
     assert told == [], seed
-    soonest, later = SoonestEnds(problem, motions), []
+    soonest, later = SoonestEnds(problem, motions.facts, motions.service), []
     for name, (start, end) in times.items():
         known = soonest.of(name)
         assert known[0] <= start, (seed, name)
@@ -216,7 +196,8 @@ def test_it_is_told_who_would_come_from_where(writing, sort):
     problem = shuffled(instance("warehouse-compact-r3-o5").build(), sort, rename=False).problem
     motions = motions_of(problem)
     some = [a for a in problem.activities if re.fullmatch(r"unload_robot\d_order2", a.name)]
-    soonest = min(SoonestEnds(problem, motions).of(a.name)[1] for a in some)
+    ends = SoonestEnds(problem, motions.facts, motions.service)
+    soonest = min(ends.of(a.name)[1] for a in some)
     for activity in some:
         writing(problem, activity, limits(activity.end, soonest - 1)[sort])
     assert len(due_too_soon(problem, motions)) == len(some) == 3

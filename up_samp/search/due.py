@@ -15,9 +15,11 @@ from up_samp.model import check_time
 from up_samp.model.graphs import reached
 from up_samp.model.refinement import Layer, Refinement
 from up_samp.model.snapshot import Term, TermKind
+from up_samp.motion import MotionService
 from up_samp.refinement import rules
 from up_samp.scheduling.cpsat.encode.terms import least
-from up_samp.search.fleet.jobs import clauses_of, latest_times, needs_in, stated_gaps
+from up_samp.search.facts import Facts
+from up_samp.search.fleet.jobs import clauses_of, limits_told, needs_in, stated_gaps
 from up_samp.search.fleet_bound.timelines import guaranteed_locations
 from up_samp.search.fleet_bound.work import units_apart
 from up_samp.search.world import Motions
@@ -30,13 +32,13 @@ def due_too_soon(problem: SchedulingMotionProblem, motions: Motions) -> list[Ref
     """Return proofs that activities are absent which have to end sooner than anybody can: what has
     to be present with them comes first, and who drives comes from where it is at first.
     """
-    soonest, found = SoonestEnds(problem, motions), []
-    for name, needed, at_end, latest in latest_times(problem):
+    soonest, found = SoonestEnds(problem, motions.facts, motions.service), []
+    for name, needed, at_end, latest in limits_told(problem, latest=True):
         check_time()
         if needed <= soonest.with_it(name):
             first = soonest.of(name)[at_end]
             if first > latest:
-                what = "" if at_end else "begin: "
+                what = ("begin: ", "")[at_end]
                 why = f"{what}due at {latest}, {first} at the soonest{soonest.who(name)}"
                 found.append(rules.impossible(name, why, Layer.BOUND))
     return found
@@ -45,9 +47,11 @@ def due_too_soon(problem: SchedulingMotionProblem, motions: Motions) -> list[Ref
 class SoonestEnds:
     """When activities begin and end at the soonest."""
 
-    def __init__(self, problem: SchedulingMotionProblem, motions: Motions) -> None:
-        self._problem, self._motions = problem, motions
-        self._facts, self._snapshot = motions.facts, motions.facts.snapshot
+    def __init__(
+        self, problem: SchedulingMotionProblem, facts: Facts, service: MotionService
+    ) -> None:
+        self._problem, self._facts, self._service = problem, facts, service
+        self._snapshot = facts.snapshot
         self._always = frozenset(a.name for a in problem.activities if not a.optional)
 
     @cached_property
@@ -59,6 +63,14 @@ class SoonestEnds:
         found: dict[str, dict[str, int]] = {}
         for (first, then), units in stated_gaps(self._problem).items():
             found.setdefault(then, {})[first] = units
+        return found
+
+    @cached_property
+    def _released(self) -> Mapping[str, list[tuple[frozenset[str | None], bool, int]]]:
+        """What activities may not begin, or end, before (see :func:`.limits_told`)."""
+        found = defaultdict[str, list[tuple[frozenset[str | None], bool, int]]](list)
+        for name, needed, at_end, units in limits_told(self._problem, latest=False):
+            found[name].append((needed, at_end, units))
         return found
 
     @cached_property
@@ -86,6 +98,9 @@ class SoonestEnds:
         def times(name: str, path: Collection[str]) -> tuple[int, int]:
             if name not in known:
                 start, end = self._driven(name)
+                for needed, at_end, units in self._released.get(name, ()):
+                    if needed <= there:
+                        start, end = max(start, units * (not at_end)), max(end, units * at_end)
                 for first, gap in self._before.get(name, {}).items():
                     if first in there and first not in path:  # in a ring nothing is left anyhow
                         began, ended = times(first, {*path, name})
@@ -97,7 +112,7 @@ class SoonestEnds:
 
     def who(self, name: str) -> str:
         """Return who drives for an activity, and from where."""
-        some = sorted(n for n in self.with_it(name) if n not in self._always)
+        some = sorted(self.with_it(name) - self._always)
         tasks, stands = self._snapshot.by_activity, self._stands
         drivers = {t.object for n in (name, *some) for t in tasks.get(n, ())}.union(
             *(stands.get(n, ()) for n in (name, *some))
@@ -133,7 +148,7 @@ class SoonestEnds:
 
     def _lasts(self, name: str) -> int:
         """Return how long an activity lasts at least (units)."""
-        lower_bound, pose = self._motions.service.lower_bound, self._snapshot.configurations
+        lower_bound, pose = self._service.lower_bound, self._snapshot.configurations
         units = self._durations[name]
         for task in self._snapshot.by_activity.get(name, ()):
             if all(term.kind is TermKind.CONSTANT for term in task.terms):
@@ -148,4 +163,4 @@ class SoonestEnds:
         """
         if start == goal or name in self._snapshot.moved_otherwise:
             return 0
-        return units_apart(self._facts, self._motions.service, name, start, goal)
+        return units_apart(self._facts, self._service, name, start, goal)

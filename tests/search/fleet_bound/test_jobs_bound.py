@@ -19,6 +19,7 @@ from unified_planning.shortcuts import (
     get_environment,
 )
 
+from tests.search.limits import WRITINGS, releases
 from up_samp import Fleet
 from up_samp.benchmarks.builders.warehouse import (
     WAREHOUSE_ENCODINGS,
@@ -63,15 +64,21 @@ def bounds_of(problem, change=lambda jobs: jobs):
 
 
 def check(seed):
-    """Return the bound as a share of a plan's makespan, None where there is no plan."""
+    """Return the bound as a share of a plan's makespan, None where there is no plan: with some of
+    its activities released when they begin in it.
+    """
     get_environment().credits_stream = None
-    problem = random_warehouse(seed)
+    problem, rng = random_warehouse(seed), random.Random(f"released {seed}")
     with OneshotPlanner(
         name="samp-refine[cpsat]", params={"seed": seed, "first_plan": True}
     ) as planner:
         result = planner.solve(problem, timeout=60)
     if result.plan is None:
         return None
+    for activity in rng.sample(result.plan.activities, 2):
+        mine, start = problem.get_activity(activity.name), result.plan.get(activity.start)
+        release = rng.choice(releases(mine.start, int(start.constant_value())))
+        rng.choice(WRITINGS)(problem, mine, release)
     (absolute, relative), makespan = bounds_of(problem), int(result.metrics["makespan"])
     # what drives last can only be more than their bounds, and the plan's drives are no faster
     assert absolute <= relative[0] <= relative[-1] <= makespan, seed

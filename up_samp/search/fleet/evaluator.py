@@ -132,6 +132,7 @@ class AssignmentEvaluator:
             exit=exit_,
             home=np.array([*map(self._way_home, options)]),
             due=np.array([o.due * snapshot.seconds_per_unit for o in options], dtype=float),
+            release=np.array([o.release * snapshot.seconds_per_unit for o in options]),
             head=np.cumsum([0, *map(len, stops)]),
             drive=np.array(drives, dtype=float),
             place=np.array([self._shared.get(pose, -1) for places in stops for pose in places]),

@@ -59,8 +59,9 @@ class WorkTables(NamedTuple):
     """What options ask for. Option ``o`` is one of ``of[o]``, a job, by ``robot[o]``; those of job
     ``j`` are ``first[j]:first[j + 1]``. It is entered at ``entry[o]`` and ends at ``exit[o]``;
     from there it takes ``home[o]`` to where nobody is in the way (negative: nobody has to go). It
-    is ``due[o]``. Its stops are ``head[o]:head[o + 1]``: ``drive`` from the one before, ``place``
-    that others need, too (-1: nobody does), and how long it ``stays``.
+    is ``due[o]``, and begins no sooner than ``release[o]``. Its stops are ``head[o]:head[o + 1]``:
+    ``drive`` from the one before, ``place`` that others need, too (-1: nobody does), and how long
+    it ``stays``.
 
     No robot does two of one ``crew`` (-1: none).
 
@@ -76,6 +77,7 @@ class WorkTables(NamedTuple):
     exit: IntArray
     home: FloatArray
     due: FloatArray
+    release: FloatArray
     head: IntArray
     drive: FloatArray
     place: IntArray
@@ -140,7 +142,7 @@ def ends_of(work: WorkTables, rules: CostWeights, arrays: TourArrays, places: in
         if counts[r] > 0:
             coming[r] = _reached(work, arrays, r, 0, 0.0)
             at[r, 1] = head[tours[r, 0]]
-            left[r] = _left(work, arrays, r) if rules.at_once else 0.0
+            left[r] = _left(work, arrays, r, coming[r]) if rules.at_once else 0.0
     while True:
         first = int(np.argmin(coming))
         if coming[first] == np.inf:
@@ -179,7 +181,7 @@ def ends_of(work: WorkTables, rules: CostWeights, arrays: TourArrays, places: in
             then = tours[r, at[r, 0]]
             at[r, 1] = head[then]
             saved[r] = _together(work, r, option, then) if saved[r] == 0.0 else 0.0
-            coming[r] = _reached(work, arrays, r, at[r, 0], done) - saved[r]
+            coming[r] = _reached(work, arrays, r, at[r, 0], done - saved[r])
             left[r] -= coming[r] - done
         else:
             coming[r] = np.inf
@@ -190,16 +192,18 @@ def ends_of(work: WorkTables, rules: CostWeights, arrays: TourArrays, places: in
 
 
 @inner
-def _left(work: WorkTables, arrays: TourArrays, r: int) -> float:
-    """Return how long (s) a robot's tour takes alone from its first stop on."""
-    tour, seconds = arrays.tours[r], 0.0
+def _left(work: WorkTables, arrays: TourArrays, r: int, since: float) -> float:
+    """Return how long (s) a robot's tour takes alone from its first stop on, to which it comes at
+    ``since``.
+    """
+    tour, seconds = arrays.tours[r], since
     for number in range(arrays.counts[r]):
         option = tour[number]
         if number > 0:
             seconds = _reached(work, arrays, r, number, seconds)
         for stop in range(work.head[option], work.head[option + 1]):
             seconds += work.stays[stop] + work.drive[stop]
-    return seconds
+    return seconds - since
 
 
 @lean_inner
@@ -269,11 +273,11 @@ def _of_one_crew(work: WorkTables, tour: IntArray, count: int) -> float:
 
 @inner
 def _reached(work: WorkTables, arrays: TourArrays, r: int, number: int, since: float) -> float:
-    """Return when a robot comes to an option of its tour that has done all before it."""
-    entry = work.entry[arrays.tours[r, number]]
+    """Return when a robot may begin an option of its tour that has done all before it."""
+    option = arrays.tours[r, number]
     here = work.start[r] if number == 0 else work.exit[arrays.tours[r, number - 1]]
-    reached: float = since + work.rides[work.kind[r], here, entry]
-    return reached
+    reached: float = since + work.rides[work.kind[r], here, work.entry[option]]
+    return max(reached, work.release[option])
 
 
 @inner
@@ -328,6 +332,7 @@ def _alone(work: WorkTables, rules: CostWeights, r: int, tour: IntArray, count: 
         o = tour[number]
         saved = _together(work, r, tour[number - 1], o) if number > 0 and saved == 0.0 else 0.0
         time += work.rides[work.kind[r], here, work.entry[o]] - saved
+        time = max(time, work.release[o])
         for stop in range(work.head[o], work.head[o + 1]):
             time += work.stays[stop]
             if stop > work.head[o]:

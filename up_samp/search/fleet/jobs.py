@@ -221,6 +221,8 @@ class WorkMode:
     legs: tuple[tuple[Configuration, Configuration], ...] = ()
     due: float = math.inf
     """When it has to be done at the latest (units)."""
+    release: int = 0
+    """Before when some of it may not begin (units): it is taken to wait for that at its entry."""
     extras: frozenset[str] = frozenset()
     """What may be present only if it is done: a way home, say."""
 
@@ -310,39 +312,39 @@ def _with_extras(jobs: Jobs, dues: Mapping[str, float], ways: set[str]) -> Jobs:
 def _dues(problem: SchedulingMotionProblem) -> dict[str, float]:
     """Return the latest ends of activities (units), whatever they are conditional on."""
     found = defaultdict[str, float](lambda: math.inf)
-    for name, _, at_end, latest in latest_times(problem):
+    for name, _, at_end, latest in limits_told(problem, latest=True):
         found[name] = min(found[name], latest if at_end else math.inf)
     return found
 
 
-def latest_times(
-    problem: SchedulingMotionProblem,
+def limits_told(
+    problem: SchedulingMotionProblem, *, latest: bool
 ) -> Iterator[tuple[str, frozenset[str | None], bool, int]]:
-    """Yield (activity, what has to be present for it, whether it is its end, units at the latest),
-    as constraints say.
+    """Yield (activity, what has to be present for it, whether it is its end, units at the
+    ``latest``, or else at the soonest), as constraints say.
     """
     for owner, constraint, scope in constraints_of(problem):
         mine = frozenset[str | None]() if owner is None else frozenset([owner])
         for part, needed in statements(constraint, scope):
-            told = _limit(part)
+            told = _limit(part, latest=latest)
             if told is not None:
-                name, at_end, latest = told
-                yield name, needed | mine, at_end, latest
+                name, at_end, units = told
+                yield name, needed | mine, at_end, units
 
 
-def _limit(node: FNode) -> tuple[str, bool, int] | None:
+def _limit(node: FNode, *, latest: bool) -> tuple[str, bool, int] | None:
     """Return (activity, whether it is its end, units) if ``node`` says that and nothing else."""
     if node.node_type not in (Op.LE, Op.LT):
         return None
-    point, limit = node.args
+    point, limit = node.args if latest else node.args[::-1]
     if point.node_type is not Op.TIMING_EXP or not limit.is_constant():
         return None
-    timing, value = point.timing(), limit.constant_value()
-    point, last = timing.timepoint, value - timing.delay
+    timing, sign = point.timing(), 1 if latest else -1  # the soonest: the latest back in time
+    point, last = timing.timepoint, sign * (limit.constant_value() - timing.delay)
     if point.container is None or point.kind not in (TimepointKind.START, TimepointKind.END):
         return None
-    latest = math.ceil(last) - 1 if node.node_type is Op.LT else math.floor(last)
-    return str(point.container), point.kind is TimepointKind.END, latest
+    units = math.ceil(last) - 1 if node.node_type is Op.LT else math.floor(last)
+    return str(point.container), point.kind is TimepointKind.END, sign * units
 
 
 StatedClause = tuple[tuple[str, ...], tuple[str, ...]]
@@ -418,6 +420,10 @@ class _Look:
         self._then: dict[str, set[str]] = defaultdict(set)
         for first, then in stated_precedences(problem):
             self._then[first].add(then)
+        self._since = dict.fromkeys(self._lengths, 0)
+        for name, _, at_end, units in limits_told(problem, latest=False):
+            start = units - at_end * int(self._lengths[name])
+            self._since[name] = max(start, self._since[name])
 
     def option(self, leader: str) -> WorkMode | None:
         """Return the work that an activity draws along, None where it is not one robot's."""
@@ -429,7 +435,9 @@ class _Look:
         if found is None:
             return None
         robot, entry, exit_, legs = found
-        return WorkMode(leader, frozenset(members), robot, work, entry, exit_, legs)
+        since = max(self._since[name] for name in members)
+        way = robot, work, entry, exit_, legs
+        return WorkMode(leader, frozenset(members), *way, release=since)
 
     def _driven(self, driven: Sequence[MotionTask]) -> _Way | None:
         """Return whose way some drives are, from where to where."""

@@ -23,6 +23,7 @@ from up_samp.model.arrays import FloatArray
 from up_samp.model.deadline import check_time, in_force
 from up_samp.model.snapshot import Snapshot
 from up_samp.motion import MotionService
+from up_samp.search.due import SoonestEnds
 from up_samp.search.facts import Facts
 from up_samp.search.fleet.jobs import Jobs, WorkMode
 from up_samp.search.fleet_bound.work import JobMode, JobWork, Leg, items_of
@@ -67,6 +68,7 @@ class JobsBound:
             for body, kind in {(way.body, way.kind) for way in items}:  # kinds may have one body
                 self._stops[body] = self._stops.get(body, frozenset()) | self._work.stops(kind)
         parts = (jobs, counted) if items is None else None
+        self._released = _released(SoonestEnds(problem, facts, service), counted)
         self._since = 0
         self._last = final_occupancy(self._work, facts.snapshot, service, self._modes, parts)
 
@@ -111,7 +113,7 @@ class JobsBound:
         costs = _least((way.job, (way.least(work.units), ())) for way in self._ways)
         soonest = _least((way.job, work.alone(way)) for way in self._modes)
         even = sum(units for units, _ in costs) / len(work.robots)
-        most = max(balanced, even, *(units for units, _ in (*costs, *soonest)))
+        most = max(balanced, even, self._released, *(units for units, _ in (*costs, *soonest)))
         legs = {leg for units, some in soonest if units >= most - ROUNDING for leg in some}
         return most, drives | legs
 
@@ -144,6 +146,17 @@ def _least(costs: Iterable[tuple[int, _Cost]]) -> list[_Cost]:
         if job not in found or cost[0] < found[job][0]:
             found[job] = cost
     return list(found.values())
+
+
+def _released(soonest: SoonestEnds, counted: Sequence[Sequence[WorkMode]]) -> int:
+    """Return units by when the job that is released last may be done at the soonest."""
+
+    def release(options: Sequence[WorkMode]) -> int:
+        return min(option.release for option in options)
+
+    last = max(filter(release, counted), key=release, default=())
+    ends = (max(soonest.of(name)[1] for name in option.members) for option in last)
+    return min(ends, default=0)
 
 
 def _counted(jobs: Jobs) -> list[tuple[WorkMode, ...]]:
