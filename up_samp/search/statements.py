@@ -310,7 +310,7 @@ def resting_nodes(facts: Facts) -> list[tuple[str, str]]:
     for name in sorted(facts.drivers):
         tasks = snapshot.by_object[name]
         ends = [places_of(facts, task, i) for task in tasks for i in (0, -1)]
-        heeds = all(avoids(t.avoid, *(facts.drivers - {name})) for t in tasks)
+        heeds = avoids(snapshot.heeded[name], *(facts.drivers - {name}))
         if heeds and name not in elsewise:
             nodes.update(
                 (name, place) for place in (snapshot.initial[name], *itertools.chain(*ends))
@@ -464,7 +464,8 @@ def _drives(facts: Facts, node: Node, which: int) -> list[Arrival]:
 # Two objects share a place if they would overlap there. Who arrives then comes a *gap* after the
 # other one's departure has begun. The gap is *proven* by the footprints and the accelerations alone
 # (the last metres of the one and the first metres of the other). Both are under way then: after the
-# one drive and before the other, bodies may be others, and none may have to heed the other.
+# one drive and before the other, bodies may be others. Neither rests there when the other one has
+# come: no motion leads there that does not heed it, and without their loads they overlap as well.
 
 
 PAIRS = 1500
@@ -499,20 +500,22 @@ def proven_handovers(motions: Motions) -> list[Refinement]:
 
 def _pairs(motions: Motions) -> Iterator[tuple[MotionCase, MotionCase]]:
     """Yield (who leaves a place, who comes to it) for all motions that are known."""
-    signatures = motions.facts.by_signature
+    facts = motions.facts
+    snapshot, poses_of = facts.snapshot, {case: facts.signature(case)[1] for case in facts.cases}
     leaving: dict[tuple[Body, Configuration], list[MotionCase]] = {}
     coming: dict[tuple[Body, Configuration], list[MotionCase]] = {}
-    for (body, poses), cases in sorted(signatures.items(), key=lambda i: str(i[0][1])):
-        leaving.setdefault((body, poses[0]), []).extend(cases)
+    for case, poses in sorted(poses_of.items(), key=lambda i: str(i[1])):
+        body = snapshot.objects[case.task.object].body
+        leaving.setdefault((body, poses[0]), []).append(case)
         if not stays(poses):
-            coming.setdefault((body, poses[-1]), []).extend(cases)
+            coming.setdefault((body, poses[-1]), []).append(case)
     for here, going in leaving.items():
         for there, arriving in coming.items():
             check_time()
             if here[0].flies or there[0].flies or not motions.service.overlap(*here, *there):
                 continue
             pairs = itertools.product(going, arriving)
-            yield from (pair for pair in pairs if are_apart(*pair))
+            yield from (pair for pair in pairs if are_apart(snapshot, *pair))
 
 
 def proven_gap(leaving: Signature, coming: Signature) -> float:
@@ -537,7 +540,7 @@ def proven_gap(leaving: Signature, coming: Signature) -> float:
 
 def _pull(body: Body, disc: tuple[float, float, float]) -> float | None:
     """Return half of the acceleration (m/s^2) of a disc's centre, at most; None: not bounded."""
-    kinematics, off = body.kinematics, math.hypot(disc[0], disc[1])
+    kinematics, off = body.kinematics.own, math.hypot(disc[0], disc[1])
     if kinematics.mobility.steers:
         return kinematics.a_max / 2 * (1 + off / kinematics.turning_radius)
     if kinematics.mobility.sideways and off < 1e-3:
