@@ -219,9 +219,8 @@ class Facts:
 
 
 def units_apart(facts: Facts, service: MotionService, name: str, start: str, goal: str) -> int:
-    """Return units that an object takes from place to place at least, however many drives it makes.
-
-    Assumes: nothing but its drives moves it.
+    """Return units that an object takes from place to place at least, however many drives it makes,
+    if nothing else moves it: that is for the caller to see to.
     """
     pose, body = facts.snapshot.configurations, facts.bodies_on_tour[name]
     seconds = service.lower_bound(body, (pose[start], pose[goal]))
