@@ -273,13 +273,15 @@ class Body:
 
     ``footprint`` is a simple polygon, counter-clockwise or clockwise, in the body frame
     (reference point at the origin, heading along +x). ``mesh`` is a file for SE3 bodies.
-    ``height`` (m above the floor): what is higher is above a body that moves in the plane.
+    ``height`` (m above the floor): what is higher is above a body that moves in the plane. ``low``:
+    how high the lowest part of what is driven as one body is.
     """
 
     footprint: tuple[tuple[float, float], ...]
     kinematics: Kinematics
     mesh: str | None = None
     height: float = math.inf
+    low: float = math.inf
 
     def __hash__(self) -> int:
         # what is known of drives is looked up by bodies all the time, and few share a footprint

@@ -95,12 +95,12 @@ def laden_bodies(tasks: Iterable[MotionTask], floor: RideFloor) -> dict[tuple[st
 
 def laden_body(body: Body, loads: Sequence[tuple[Body, Configuration]]) -> Body:
     """Return a body with ``loads`` at poses in its frame, as one."""
-    height = max(body.height, *(load.height for load, _ in loads))
-    limits = body.kinematics
+    heights, limits = [body.height, *(load.height for load, _ in loads)], body.kinematics
     for load, offset in loads:
         if load.kinematics.drives_along:
             limits = _together(limits, load.kinematics, offset)
-    return replace(body, footprint=_joined(body, loads), height=height, kinematics=limits)
+    outline, high, low = _joined(body, loads), max(heights), min(heights)
+    return replace(body, footprint=outline, height=high, low=low, kinematics=limits)
 
 
 def _together(mine: Kinematics, its: Kinematics, at: Configuration) -> Kinematics:
