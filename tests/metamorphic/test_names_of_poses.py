@@ -10,6 +10,8 @@ from tests.fuzz.problems import SECONDS, build, random_case
 from tests.metamorphic.answers import answer_to, in_one_meaning
 from tests.metamorphic.motions import ALIKE, OTHERS, write
 from tests.metamorphic.sites import FAMILIES
+from tests.shuffled import shuffled
+from tests.upio.hall import Hall
 from up_samp.upio import read_problem
 from up_samp.upio.read import _alike
 from up_samp.validation import validate_plan
@@ -126,3 +128,30 @@ def test_poses_are_one_whatever_whole_turns_and_signs_tell_them_apart():
     alike = {frozenset(names) for names in _alike(poses, flat).values()}
     assert alike == {frozenset("ab"), frozenset("cg"), frozenset("de")}
     assert frozenset("cg") not in map(frozenset, _alike(poses, flat | {"g": 1}).values())
+
+
+def test_poses_are_one_however_they_are_rounded():
+    """Also beside the lines of whatever grid numbers are rounded to."""
+    rng = random.Random(0)
+    for _ in range(200):
+        grid = 10.0 ** -rng.randint(3, 9)
+        x, y = ((rng.randrange(10**5) + rng.choice((0.0, 0.5))) * grid for _ in range(2))
+        turn = rng.choice((0.0, math.pi / 3, rng.uniform(-3.0, 3.0)))
+        poses = [(x, y, turn), (5.0, 5.0, turn), (x, y + 1e-3, turn)]
+        poses += [tuple(v + rng.choice((-1e-9, 1e-9)) for v in poses[0]) for _ in range(4)]
+        rng.shuffle(poses)
+        named = {str(k): pose for k, pose in enumerate(poses)}
+        same = tuple(n for n, pose in named.items() if math.dist(pose, (x, y, turn)) < 1e-8)
+        assert _alike(named, {}) == dict.fromkeys(same, same), named
+
+
+@pytest.mark.parametrize("order", range(2))
+def test_who_drives_on_from_where_it_is_may_say_so_with_an_error_of_rounding(order, tmp_path):
+    hall = Hall(tmp_path, robots=1)
+    hall.pose("here", 6.3456785, 3.0, 0.0)
+    hall.pose("there", 6.3456785 + 1e-9, 3.0, 0.0)
+    hall.move("come", 0, "left0", "here")
+    hall.move("go", 0, "there", "right0")
+    problem = shuffled(hall.problem, order, rename=False).problem
+    found = answer_to(problem, "rounded", lambda plan: validate_plan(problem, plan), timeout=20.0)
+    assert found.makespan is not None, found

@@ -8,11 +8,12 @@ import pytest
 from unified_planning.model.motion import ActivityWaypoints, MotionModels
 from unified_planning.shortcuts import LE, OneshotPlanner
 
+from tests.handmade import drive
 from tests.upio.hall import Hall, write_hall
 from up_samp.io import plan_to_dict
-from up_samp.model import Trajectory, UnsupportedError
+from up_samp.model import CandidateSchedule, Trajectory, UnsupportedError
 from up_samp.model.frames import Frame
-from up_samp.upio import read_problem
+from up_samp.upio import build_plan, read_problem
 from up_samp.validation import validate_plan
 
 LIMITS = {"v_max": 1.0, "a_max": 0.6, "omega_max": 1.2, "drives_along": True}
@@ -129,3 +130,40 @@ def test_who_drove_to_its_place_is_taken_along(along, tmp_path):
     plan = solve(problem)
     assert validate_plan(problem, plan).valid
     assert [r["object"] for r in plan_to_dict(problem, plan)["rides"]] == ["r1"]
+
+
+def quick(way, rng):
+    """Return where one robot is beside the other, and a motion of both that each of them can make:
+    straight on as fast as they are, or round the slower one.
+    """
+    start = (6.0, 5.0, rng.uniform(-0.3, 0.3))
+    far = rng.uniform(1.2, 1.6)
+    if way == "straight":
+        return (-far, rng.uniform(-0.5, 0.5), 0.0), drive(start, [(4.0, 0.0)], 0.0, 1.0, 0.6)
+    arc = drive((0.0, 0.0, 0.0), [(far, 0.0)], 0.0, 0.4, 0.2)
+    turned = start[2] + arc.poses[:, 0] / far
+    middle = Frame(*start).of((0.0, far, 0.0))
+    x, y = middle[0] + far * np.sin(turned), middle[1] - far * np.cos(turned)
+    return (0.0, far, 0.0), Trajectory(arc.times, np.column_stack((x, y, turned)))
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("way", ["straight", "round"])
+def test_nothing_is_proven_of_robots_that_drive_together_but_what_each_needs(way, seed, tmp_path):
+    offset, motion = quick(way, random.Random(f"{way} {seed}"))
+    limits = LIMITS | ({"v_max": 0.1, "a_max": 0.1} if way == "round" else {})
+    start, goal = (tuple(motion.poses[k].tolist()) for k in (0, -1))
+    problem = two(tmp_path, offset, goal, start=start, limits=limits)
+    problem.object("r0")._motion_parameters = {"v_max": 1.0, "a_max": 0.6, "omega_max": 1.2}
+    problem.activities[0].set_duration_bounds(1, 500)
+    with OneshotPlanner(name="samp-refine[cpsat]", params={"seconds_per_unit": 0.1}) as planner:
+        result = planner.solve(problem, timeout=60)
+    units = math.ceil(motion.duration / 0.1)
+    schedule = CandidateSchedule({"both": (0, units)})
+    known = build_plan(problem, read_problem(problem, 0.1), schedule, {"both": motion})
+    verdict = validate_plan(problem, known, seconds_per_unit=0.1)
+    assert verdict.valid, verdict.violations
+    told = result.metrics
+    assert result.plan is not None
+    bound = told["lower_bound" if told["bound_kind"] == "absolute" else "absolute_bound"]
+    assert int(bound) <= units

@@ -21,13 +21,16 @@ from unified_planning.shortcuts import (
     LE,
     LT,
     And,
+    ClosedTimeInterval,
     ConfigurationType,
+    Equals,
     Implies,
     MinimizeMakespan,
     MovableType,
     Not,
     OneshotPlanner,
     Or,
+    TimePointInterval,
 )
 
 from tests.benchmarks.scene import hall_map
@@ -188,6 +191,48 @@ def test_no_place_is_nearer_with_a_stop_on_the_way(seed):
         assert least <= driven(start, goal)
         more += least < driven(start, goal)
     assert more > 0
+
+
+def read_on_the_way(rng):
+    """A robot that drives off, and something late that asks for it to be told to be where it began:
+    it is, until the drive is over.
+    """
+    problem = SchedulingMotionProblem("read on the way")
+    hall = OccupancyMap(str(hall_map(divided=False)), SE2(0.0, 0.0, 0.0))
+    pose = ConfigurationType("pose", hall, ConfigurationKind.SE2)
+    here, there = (
+        ConfigurationObject(name, pose, SE2(x, 10.0, 0.0))
+        for name, x in (("here", 5.0), ("there", rng.uniform(20.0, 30.0)))
+    )
+    robot = MovableObject(
+        "robot",
+        MovableType("robot"),
+        footprint=[(-0.4, -0.3), (0.4, -0.3), (0.4, 0.3), (-0.4, 0.3)],
+        motion_model=MotionModels.SE2,
+        motion_parameters={"v_max": 1.0, "a_max": 1.0},
+    )
+    problem.add_objects([robot, here, there])
+    problem.set_initial_configuration(robot, here)
+    at = problem.add_fluent("at", pose, default_initial_value=here)
+    drive = problem.add_motion_activity("drive", 1)
+    drive.set_duration_bounds(1, 100)
+    drive.add_motion_constraint(ActivityWaypoints(robot, rng.choice((at, here)), [there]))
+    drive.add_effect(drive.end - rng.choice((0, 1)), at, there)
+    before = problem.add_activity("before", duration=rng.randint(8, 12))
+    late, last = (problem.add_activity(name, duration=1) for name in ("late", "last"))
+    for activity, place in ((late, here), (last, there)):
+        spans = TimePointInterval(activity.start), ClosedTimeInterval(activity.start, activity.end)
+        activity.add_condition(rng.choice(spans), Equals(at, place))
+    for one, other in ((before, late), (late, last)):
+        problem.add_constraint(LE(one.end, other.start))
+    problem.add_quality_metric(MinimizeMakespan())
+    return problem
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_who_is_told_to_be_somewhere_may_be_under_way(seed):
+    problem = shuffled(read_on_the_way(random.Random(seed)), seed, rename=False).problem
+    tell_when(problem, seed)
 
 
 @pytest.mark.parametrize("writing", WRITINGS)

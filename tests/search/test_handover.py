@@ -21,17 +21,25 @@ from unified_planning.model.motion import (
 from unified_planning.shortcuts import (
     LE,
     ConfigurationType,
+    Equals,
     MinimizeMakespan,
     MovableType,
     OneshotPlanner,
 )
 
 from tests.benchmarks.scene import hall_map
+from tests.handmade import drive as as_driven
 from tests.shuffled import shuffled
 from up_samp.benchmarks.instances import instance
-from up_samp.model import Body, Kinematics, MotionModel
+from up_samp.model import Body, CandidateSchedule, Deadline, Kinematics, MotionModel
 from up_samp.model.refinement import Strength
+from up_samp.search.cuts import rejecting
+from up_samp.search.loop import state_what_is_known
+from up_samp.search.params import Parameters
+from up_samp.search.search import Wrapped
+from up_samp.search.session import open_search
 from up_samp.search.statements import proven_gap
+from up_samp.upio import build_plan, read_itinerary, read_problem
 from up_samp.validation import validate_plan
 
 CAR = ((-1.0, -0.5), (1.0, -0.5), (1.0, 0.5), (-1.0, 0.5))
@@ -203,3 +211,88 @@ def test_a_gap_is_no_longer_than_the_drives_that_it_is_proven_for(order):
     result = solve(lifted_away(order), 30.0, seconds_per_unit=0.1)
     assert result.status is Status.SOLVED_OPTIMALLY
     assert result.metrics["makespan"] == "4"
+
+
+def beside_who_rests(way, order):
+    """Return a problem in which one car rests where another one comes to rest, or its load does,
+    and the plan of it: the first one is lifted away before the other one drives.
+    """
+    problem = SchedulingMotionProblem("beside who rests")
+    hall = OccupancyMap(str(hall_map(divided=False)), SE2(0.0, 0.0, 0.0))
+    kind = ConfigurationType("pose", hall, ConfigurationKind.SE2)
+    laden = way == "load"
+    x = 22.4 if laden else 20.0  # where both are to rest
+    poses = {
+        "before": (20.0 if laden else 14.0, 10.0, 0.0),
+        "here": (20.0, 10.0, 0.0),
+        "then": (30.0, 10.0, 0.0),
+        "above": (x, 13.0, -math.pi / 2),
+        "beside": (x, 10.3, -math.pi / 2),
+        "away": (x, 16.0, -math.pi / 2),
+        "load": (22.4, 10.0, 0.0),
+        "unload": (32.4, 10.0, 0.0),
+    }
+    at = {name: ConfigurationObject(name, kind, SE2(*pose)) for name, pose in poses.items()}
+    problem.add_objects(at.values())
+    limits = {"turning_radius": 1.0, "v_max": 1.0, "a_max": 1.0}
+    cars = {
+        name: MovableObject(
+            name,
+            MovableType("car"),
+            footprint=[(1.2 * x, 2.4 * y) for x, y in CAR] if name == "pallet" else list(CAR),
+            motion_model=MotionModels.REEDSSHEPP,
+            motion_parameters=limits,
+        )
+        for name in ("first", "other", *(["pallet"] if laden else []))
+    }
+    problem.add_objects(cars.values())
+    for name, place in zip(cars, ("above", "before", "load"), strict=False):
+        problem.set_initial_configuration(cars[name], at[place])
+
+    def drive(name, car, start, goal, heeds):
+        go = problem.add_motion_activity(name, 1)
+        go.set_duration_bounds(1, 100)
+        listed = {"dynamic_obstacles_at_start": [cars[n] for n in heeds]}
+        go.add_motion_constraint(ActivityWaypoints(cars[car], at[start], [at[goal]], **listed))
+        return go
+
+    come = drive("come", "first", "above", "beside", ["other"])
+    leave = drive("leave", "other", "here", "then", ["first"])
+    driven = {
+        "come": as_driven(poses["above"], [(2.7, 0.0)], 0.0, v_max=1.0, a_max=1.0),
+        "leave": as_driven(poses["here"], [(10.0, 0.0)], 10.0, v_max=1.0, a_max=1.0),
+    }
+    if way == "driven":
+        drive("prepare", "other", "before", "here", [])
+        begin = poses["before"]
+        driven["prepare"] = as_driven(begin, [(6.0, 0.0)], 0.9, v_max=1.0, a_max=1.0)
+    if way == "set":
+        come.add_motion_effect(cars["other"], at["here"])
+    if laden:
+        leave.add_motion_effect(cars["other"], at["then"])
+        leave.add_motion_effect(cars["pallet"], at["unload"])
+    lift = problem.add_motion_activity("lift", 1)
+    lift.add_motion_effect(cars["first"], at["away"])
+    problem.add_constraint(Equals(come.end, leave.start))
+    problem.add_quality_metric(MinimizeMakespan())
+    problem = shuffled(problem, order, rename=False).problem
+    times = {"come": (0, 8), "lift": (8, 9), "prepare": (0, 8), "leave": (8, 22)}
+    there = {activity.name for activity in problem.activities}
+    schedule = CandidateSchedule({n: t for n, t in times.items() if n in there}, {})
+    return problem, schedule, build_plan(problem, read_problem(problem), schedule, driven)
+
+
+@pytest.mark.parametrize("order", range(2))
+@pytest.mark.parametrize("way", ["driven", "set", "load"])
+def test_there_is_no_gap_after_who_rests_where_another_one_comes_to_rest(way, order):
+    problem, schedule, plan = beside_who_rests(way, order)
+    verdict = validate_plan(problem, plan)
+    assert verdict.valid, verdict.violations
+    wrapped = Wrapped("cpsat", {"workers": 1}, lambda *_: [], lambda *_: [], native=True)
+    search = open_search(problem, wrapped, Parameters(), Deadline.after(600.0))
+    state_what_is_known(search)
+    itinerary = read_itinerary(search.knowledge.relaxation, schedule)
+    proven = search.knowledge.proven
+    search.scheduler.close()
+    assert proven
+    assert rejecting(itinerary, search.facts.snapshot, proven) == []

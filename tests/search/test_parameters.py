@@ -7,6 +7,7 @@ from unified_planning.model.motion import ActivityWaypoints
 from unified_planning.shortcuts import Equals, Object, Or, UserType
 
 from tests.search.test_end_to_end import solve
+from tests.shuffled import shuffled
 from tests.upio.hall import Hall, write_hall
 from up_samp.model import UnsupportedError
 from up_samp.scheduling.quirks import known_engines
@@ -158,3 +159,26 @@ def test_a_fluent_of_another_activitys_parameter_is_refused_by_name(tmp_path):
     go.add_motion_constraint(ActivityWaypoints(hall.robots[0], hall.poses["left0"], [told(to)]))
     with pytest.raises(UnsupportedError, match=r"'go'.*'told\(other\.to\)'.*not 'other\.to'"):
         solve(hall.problem, "cpsat")
+
+
+@pytest.mark.parametrize("deep", [2.1e-6, 2.4e-6, 5e-6])
+@pytest.mark.parametrize("order", range(2))
+def test_who_leaves_a_place_by_another_name_of_it_is_gone(deep, order, tmp_path):
+    """Names of one pose differ by rounding: by one of them it overlaps whom it would hardly touch
+    by the other one.
+    """
+    hall = Hall(tmp_path, robots=2)
+    hall.pose("here", 6.0000004, 3.0, 0.0)
+    hall.pose("named", 5.9999996, 3.0, 0.0)
+    hall.pose("beside", 7.0000004 - deep, 3.0, 0.0)
+    problem, (first, _) = hall.problem, hall.robots
+    problem.initial_configuration[:] = problem.initial_configuration[1:]
+    problem.set_initial_configuration(first, hall.poses["here"])
+    at = problem.add_fluent("at", hall.place, default_initial_value=hall.poses["named"])
+    leave = problem.add_motion_activity("leave", 1)
+    leave.set_duration_bounds(1, 100)
+    leave.add_motion_constraint(ActivityWaypoints(first, at, [hall.poses["left0"]]))
+    leave.add_effect(leave.end, at, hall.poses["left0"])
+    hall.move("come", 1, "left1", "beside")
+    result = solve(shuffled(problem, order, rename=False).problem)
+    assert result.plan is not None, result.log_messages

@@ -10,11 +10,13 @@ from unified_planning.model.motion import (
     MotionModels,
     MovableObject,
 )
+from unified_planning.shortcuts import OneshotPlanner
 
-from tests.upio.hall import ROBOT, Hall
+from tests.upio.hall import ROBOT, Hall, write_hall
 from up_samp.model import MotionModel, ProblemError, UnsupportedError
 from up_samp.model.snapshot import Term, TermKind
 from up_samp.upio import read_problem
+from up_samp.validation import validate_plan
 
 
 def test_a_move_is_read_with_its_poses_and_limits(tmp_path):
@@ -60,6 +62,42 @@ def test_a_bicycle_is_read_as_a_car(tmp_path):
     assert limits.model is MotionModel.REEDSSHEPP
     assert limits.turning_radius == pytest.approx(2.0)
     assert limits.v_max == 1.0  # the smaller of motion parameter and control bound
+
+
+@pytest.mark.parametrize(
+    ("low", "own", "limits"),
+    [
+        (-0.5, {}, (2.0, 0.5)),
+        (-0.5, {"v_max": 1.5}, (1.5, 0.5)),
+        (-3.0, {}, (2.0, math.inf)),
+        (-1.0, {"reverse_v_max": 0.3}, (2.0, 0.3)),
+        (-0.2, {"reverse_v_max": 0.3}, (2.0, 0.2)),
+        (0.5, {}, (2.0, math.inf)),
+    ],
+)
+def test_a_bicycle_is_slow_backwards_alone(low, own, limits, tmp_path):
+    """Ahead it drives as fast as it may: by both speeds at once it was called slower than it is."""
+
+    def bicycle(q, u, qdot):
+        qdot[0] = u[0] * math.cos(q[2])
+        qdot[1] = u[0] * math.sin(q[2])
+        qdot[2] = u[0] * math.tan(u[1]) / 0.5
+
+    hall = Hall(
+        tmp_path,
+        map_file=write_hall(tmp_path, wall_gap=(20, 50)),
+        motion_parameters={"a_max": 0.5, **own},
+        control_model=bicycle,
+        control_parameters={"v_min": low, "v_max": 2.0, "phi_max": math.atan(0.5)},
+    )
+    hall.move("go", 0, "left0", "right0")
+    read = read_problem(hall.problem).objects["r0"].body.kinematics
+    assert (read.v_max, read.v_back) == limits
+    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+        result = planner.solve(hall.problem, timeout=60)
+    # 14 m from rest to rest, ahead
+    assert int(result.metrics["makespan"]) == math.ceil(14.0 / read.v_max + read.v_max / 0.5)
+    assert validate_plan(hall.problem, result.plan).valid
 
 
 def test_another_ode_stays_a_control_model(tmp_path):

@@ -12,7 +12,7 @@ import itertools
 import math
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
 from typing import Any
 
@@ -288,6 +288,13 @@ def met_by(body: Body, placed: Iterable[Placed]) -> tuple[Placed, ...]:
         return tuple(placed)
     parts = (_shadows(one, body.height) if one.body.flies else (one,) for one in placed)
     return tuple(itertools.chain.from_iterable(parts))
+
+
+def surely_met(body: Body, placed: Iterable[Placed]) -> tuple[Placed, ...]:
+    """Return obstacles as whatever part of a body meets them: what is above the lowest one may be
+    above that one alone.
+    """
+    return met_by(replace(body, height=min(body.low, body.height)), placed)
 
 
 @lru_cache(maxsize=1024)

@@ -171,7 +171,9 @@ class Kinematics:
     have no equations of their own. ``drives_along``: when another body takes it along, it drives,
     too, on its own wheels, and keeps these limits where it is; it moves in any direction, and so
     does whoever takes it along. ``reach`` (m) of a body that moves in any direction: as far from
-    its reference point speed and acceleration are within the limits, also as it turns.
+    its reference point speed and acceleration are within the limits, also as it turns. ``parts`` of
+    bodies that drive together: where each is in the frame of the first one, with its own limits;
+    planners keep all of them within less than that.
     """
 
     model: MotionModel
@@ -188,6 +190,7 @@ class Kinematics:
     back_cost: float = 1.0
     drives_along: bool = False
     reach: float = 0.0
+    parts: tuple[tuple[Configuration, Kinematics], ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("turning_radius", "v_max", "a_max", "omega_max"):
@@ -224,6 +227,13 @@ class Kinematics:
     def mobility(self) -> Mobility:
         """What a body with these limits can do."""
         return self.model.mobility
+
+    @property
+    def own(self) -> Kinematics:
+        """What the reference point keeps to by itself: of bodies that drive together, the limits of
+        the first one.
+        """
+        return self.parts[0][1] if self.parts else self
 
     @property
     def heeds_turns(self) -> bool:
@@ -263,13 +273,15 @@ class Body:
 
     ``footprint`` is a simple polygon, counter-clockwise or clockwise, in the body frame
     (reference point at the origin, heading along +x). ``mesh`` is a file for SE3 bodies.
-    ``height`` (m above the floor): what is higher is above a body that moves in the plane.
+    ``height`` (m above the floor): what is higher is above a body that moves in the plane. ``low``:
+    how high the lowest part of what is driven as one body is.
     """
 
     footprint: tuple[tuple[float, float], ...]
     kinematics: Kinematics
     mesh: str | None = None
     height: float = math.inf
+    low: float = math.inf
 
     def __hash__(self) -> int:
         # what is known of drives is looked up by bodies all the time, and few share a footprint

@@ -145,6 +145,16 @@ class Snapshot:
         return frozenset((*(c.object for c in self.changes), *(r.load for r in self.rides)))
 
     @cached_property
+    def heeded(self) -> Mapping[str, frozenset[str]]:
+        """What every motion of an object that drives or rides keeps clear of."""
+        found: dict[str, frozenset[str]] = {}
+        everything = frozenset(self.objects)
+        for task in self.tasks:
+            told = everything if task.avoid is None else task.avoid
+            found.update({name: told & found.get(name, everything) for name in task.moved})
+        return found
+
+    @cached_property
     def by_activity(self) -> Mapping[str, Sequence[MotionTask]]:
         """The motion tasks of each activity that has some."""
         return grouped(self.tasks, lambda task: task.activity)

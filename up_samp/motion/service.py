@@ -9,7 +9,7 @@ from dataclasses import replace
 from up_samp.extensions import parts
 from up_samp.geometry import OccupancyGrid, Scene
 from up_samp.geometry.memory import Memory
-from up_samp.geometry.meshes import bodies_meet, meets_walls, met_by
+from up_samp.geometry.meshes import bodies_meet, meets_walls, met_by, surely_met
 from up_samp.geometry.shapes import core_of
 from up_samp.model import (
     Body,
@@ -86,13 +86,17 @@ class MotionService:
     def plan(self, query: PathQuery, deadline: Deadline) -> PathReport:
         """Answer a query: found, proven impossible, not found, or out of time."""
         warm_up(query.body.kinematics.model)
-        query = replace(query, obstacles=met_by(query.body, query.obstacles))
+        asked, query = query, replace(query, obstacles=met_by(query.body, query.obstacles))
         key = (query.body, query.poses, obstacle_key(query.obstacles))
         report = self._final.get(key)
         if report is None:
             report, final = self._planned(query, deadline)
             if final:
                 self._final.put(key, report)
+        told = report.outcome is Outcome.IMPOSSIBLE
+        if told and surely_met(asked.body, asked.obstacles) != query.obstacles:
+            proof = self.certificate(asked.body, asked.poses, asked.obstacles)
+            return proof or replace(report, outcome=Outcome.NOT_FOUND)
         return report
 
     def _planned(self, query: PathQuery, deadline: Deadline) -> tuple[PathReport, bool]:
@@ -208,7 +212,7 @@ class MotionService:
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed] = ()
     ) -> float:
         """Return seconds that no motion through ``poses`` can beat, stopping there or not."""
-        return self.bounds.through(body, poses, met_by(body, obstacles))
+        return self.bounds.through(body, poses, surely_met(body, obstacles))
 
     def least_after(
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
@@ -218,7 +222,7 @@ class MotionService:
         """
         if body.flies or not self.proofs:
             return 0.0
-        return self.bounds.after(body, poses, met_by(body, obstacles))
+        return self.bounds.after(body, poses, surely_met(body, obstacles))
 
     def certificate(
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
@@ -226,7 +230,7 @@ class MotionService:
         """Return a proof that the motion is impossible, with blockers, or None."""
         if body.flies or not self.proofs:
             return None
-        there = () if stays(poses) else met_by(body, obstacles)
+        there = () if stays(poses) else surely_met(body, obstacles)
         return self.certifier.prove(body, poses, there)
 
     def in_order(self, placed: Sequence[Placed], obstacles: Sequence[Placed]) -> Apart | None:

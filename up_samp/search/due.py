@@ -9,6 +9,7 @@ from collections import defaultdict
 from collections.abc import Collection, Mapping
 from functools import cached_property
 
+from unified_planning.model import FNode
 from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.model import check_time
@@ -19,7 +20,7 @@ from up_samp.motion import MotionService
 from up_samp.refinement import rules
 from up_samp.scheduling.cpsat.encode.terms import least
 from up_samp.search.facts import Facts
-from up_samp.search.fleet.jobs import clauses_of, limits_told, needs_in, stated_gaps
+from up_samp.search.fleet.jobs import clauses_of, held_by, limits_told, needs_in, stated_gaps
 from up_samp.search.fleet_bound.timelines import guaranteed_locations
 from up_samp.search.fleet_bound.work import units_apart
 from up_samp.search.world import Motions
@@ -83,6 +84,10 @@ class SoonestEnds:
         return found
 
     @cached_property
+    def _held(self) -> Mapping[str, frozenset[FNode]]:
+        return held_by(self._problem)
+
+    @cached_property
     def _durations(self) -> Mapping[str, int]:
         return {a.name: least(a.duration) for a in self._problem.activities}
 
@@ -143,8 +148,21 @@ class SoonestEnds:
         has to be somewhere for each.
         """
         here, there = (self._stands.get(name, {}) for name in (first, then))
-        both = here.keys() & there.keys()
+        both = [r for r in sorted(here.keys() & there.keys()) if self._rests(r, first)]
         return max((self._units(r, here[r], there[r]) - _SEEN for r in both), default=0)
+
+    def _rests(self, robot: str, name: str) -> bool:
+        """Return whether a robot surely rests as an activity begins. What tells where it is says
+        that it is where it was last all the while it is on its way.
+        """
+        drives = {task.activity for task in self._snapshot.by_object[robot]}
+        held, units = self._held, self._durations[name]  # in no time nothing is held
+        return name in drives or all(
+            len(held[name] & held[drive]) * units
+            or drive in self._before.get(name, ())
+            or name in self._before.get(drive, ())
+            for drive in drives
+        )
 
     def _lasts(self, name: str) -> int:
         """Return how long an activity lasts at least (units)."""

@@ -41,19 +41,22 @@ class MotionCase:
         return f"from {places} {report.reason}" if report.reason else ""
 
 
-def are_apart(one: MotionCase, other: MotionCase) -> bool:
-    """Return whether two motions are of two objects that both heed each other.
+def are_apart(snapshot: Snapshot, one: MotionCase, other: MotionCase) -> bool:
+    """Return whether two motions are of two objects that heed each other in these and in whatever
+    else moves them, so that neither comes to where the other one rests: set there they are by
+    nobody but who drives one of them and moves the other one.
 
     What one of them brings the other one may take on at that instant: their bodies have the load in
     common then, and tell nothing.
     """
-    a, b = one.task, other.task
-    if a.moved & b.moved or a.index or b.index:
+    a, b, movers = one.task, other.task, snapshot.movers
+    both = a.activity in movers[b.object] or b.activity in movers[a.object]
+    if both or a.moved & b.moved or a.index or b.index:
         return False
     given = dict(one.given)
     if any(given.get(name, value) != value for name, value in other.given):
         return False
-    return avoids(a.avoid, b.object) and avoids(b.avoid, a.object)
+    return b.object in snapshot.heeded[a.object] and a.object in snapshot.heeded[b.object]
 
 
 Choices = Mapping[tuple[str, Term, bool], ConfigurationChoice]

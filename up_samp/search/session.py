@@ -55,11 +55,10 @@ def check_start_poses(snapshot: Snapshot, service: MotionService) -> None:
                 f"object '{name}' starts at '{snapshot.initial[name]}' {_show(pose)}, which is in "
                 f"a wall or outside the map '{snapshot.map_file}'"
             )
-        heeded = _heeded(snapshot, name)
         others = tuple(
             Placed(o, snapshot.objects[o].body, snapshot.configurations[place])
             for o, place in snapshot.initial.items()
-            if o != name and avoids(heeded, o)
+            if o != name and avoids(snapshot.heeded[name], o)
         )
         _, hit = service.pose_blockers(body, pose, others)
         if hit:
@@ -71,12 +70,6 @@ def check_start_poses(snapshot: Snapshot, service: MotionService) -> None:
 
 def _show(pose: Configuration) -> str:
     return "(" + ", ".join(f"{v:g}" for v in pose) + ")"
-
-
-def _heeded(snapshot: Snapshot, name: str) -> frozenset[str] | None:
-    """Return the obstacles that all motions of ``name`` heed (None: all objects)."""
-    told = [t.avoid for t in snapshot.by_object[name] if t.avoid is not None]
-    return frozenset.intersection(*told) if told else None
 
 
 _TOUR_ROUNDS = 10

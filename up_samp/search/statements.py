@@ -7,6 +7,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from operator import itemgetter
 
 import shapely
@@ -24,6 +25,7 @@ from up_samp.model import (
     stays,
 )
 from up_samp.model.frames import Frame
+from up_samp.model.graphs import grouped
 from up_samp.model.refinement import Given, Refinement, Strength, end_of, start_of
 from up_samp.model.snapshot import MotionTask, TermKind
 from up_samp.refinement import rules
@@ -143,7 +145,7 @@ def unreachable(motions: Motions) -> list[Refinement]:
     by_signature = [(signature, cases) for signature, cases in known if not signature[0].flies]
     found = [stated for _, cases in by_signature for stated in _never_possible(motions, cases)]
     states = _instant_states(motions.facts)
-    for standing, (signature, cases) in itertools.product(states, by_signature):
+    for standing, (signature, cases) in product(states, by_signature):
         by_heeded: dict[tuple[Placed, ...], list[MotionCase]] = {}
         for case in cases:
             heeded = motions.facts.heeded(case.task, standing[1])
@@ -263,7 +265,7 @@ def _instant_states(facts: Facts) -> list[Standing]:
         movers = sorted(snapshot.movers[things[0]])
         rows = {tuple(known.get((t, a), "") for t in things) for a in movers}  # "": any place
         rows.add(tuple(snapshot.initial[t] for t in things))
-        for row, k in itertools.product(sorted(rows), range(len(things))):
+        for row, k in product(sorted(rows), range(len(things))):
             columns = zip(*(r for r in rows if r[k] in (row[k], "")), strict=True)
             sure = {t: c[0] for t, c in zip(things, columns, strict=True) if {*c} == {c[0] or None}}
             if row[k]:
@@ -274,6 +276,8 @@ def _instant_states(facts: Facts) -> list[Standing]:
 # ------------------ Unary places: configurations that overlap hold one driving object at a time
 
 
+Node = tuple[str, str]
+"""An object and a configuration of it."""
 Edges = set[tuple[int, int]]
 """Which two nodes are not taken at one time."""
 
@@ -285,11 +289,11 @@ def unary_places(motions: Motions) -> list[Refinement]:
     nodes = resting_nodes(motions.facts)
     overlapping, in_order = _overlapping(motions, nodes), _in_order(motions, nodes)
     found = []
-    for edges, named, why in (
+    for told, named, why in (
         (overlapping, itemgetter(1), "objects that rest at these configurations would overlap"),
         (in_order - overlapping, "_at_".join, "nobody passes anybody on the way there"),
     ):
-        covered: Edges = set()
+        edges, covered = _by_any_name(motions.facts.snapshot.alike, nodes, told), Edges()
         for pair in sorted(edges):
             if pair in covered:
                 continue
@@ -310,7 +314,7 @@ def resting_nodes(facts: Facts) -> list[tuple[str, str]]:
     for name in sorted(facts.drivers):
         tasks = snapshot.by_object[name]
         ends = [places_of(facts, task, i) for task in tasks for i in (0, -1)]
-        heeds = all(avoids(t.avoid, *(facts.drivers - {name})) for t in tasks)
+        heeds = avoids(snapshot.heeded[name], *(facts.drivers - {name}))
         if heeds and name not in elsewise:
             nodes.update(
                 (name, place) for place in (snapshot.initial[name], *itertools.chain(*ends))
@@ -340,6 +344,19 @@ def _overlapping(motions: Motions, nodes: list[tuple[str, str]]) -> Edges:
     return edges
 
 
+def _by_any_name(alike: Mapping[str, Sequence[str]], nodes: list[Node], edges: Edges) -> Edges:
+    """Return the edges that are there by whatever names of the poses, which differ by rounding: who
+    comes to a place by one of its names may leave it by another.
+    """
+
+    def pose(i: int) -> tuple[str, Sequence[str]]:
+        name, place = nodes[i]
+        return name, alike.get(place, (place,))
+
+    same = grouped(range(len(nodes)), pose)  # of objects in the same order
+    return {(i, j) for i, j in edges if edges.issuperset(product(same[pose(i)], same[pose(j)]))}
+
+
 def _in_order(motions: Motions, nodes: list[tuple[str, str]]) -> Edges:
     """Return which two objects rest nowhere at one time as nobody passes anybody on the way."""
     index = {node: i for i, node in enumerate(nodes)}
@@ -366,7 +383,7 @@ def never_together(
         first = [facts.placed(name, facts.snapshot.initial[name]) for name in names]
         apart = motions.service.in_order(first, fixed)
         if apart is not None:
-            every = itertools.product(*(places[name] for name in names))
+            every = product(*(places[name] for name in names))
             yield from (some for some in every if apart([at[place] for _, place in some]))
 
 
@@ -403,7 +420,6 @@ def _place(facts: Facts, members: list[tuple[str, str]], name: str, why: str) ->
 # ------------------ Orders on rings: three objects keep the order in which they began
 
 
-Node = tuple[str, str]
 Arrival = tuple[str, Given]
 
 
@@ -423,7 +439,7 @@ def kept_orders(motions: Motions) -> list[Refinement]:
 def _not_all(facts: Facts, some: Sequence[Node]) -> list[Refinement]:
     """State that objects do not rest at their places at one time: for all ways to come there."""
     found = []
-    for ways in itertools.product(*(_ways(facts, node) for node in some)):
+    for ways in product(*(_ways(facts, node) for node in some)):
         arrivals = [way for way in ways if way is not None]
         given = {decision for _, decided in arrivals for decision in decided}
         if arrivals and len(dict(given)) == len(given):
@@ -464,7 +480,8 @@ def _drives(facts: Facts, node: Node, which: int) -> list[Arrival]:
 # Two objects share a place if they would overlap there. Who arrives then comes a *gap* after the
 # other one's departure has begun. The gap is *proven* by the footprints and the accelerations alone
 # (the last metres of the one and the first metres of the other). Both are under way then: after the
-# one drive and before the other, bodies may be others, and none may have to heed the other.
+# one drive and before the other, bodies may be others. Neither rests there when the other one has
+# come: no motion leads there that does not heed it, and without their loads they overlap as well.
 
 
 PAIRS = 1500
@@ -499,20 +516,22 @@ def proven_handovers(motions: Motions) -> list[Refinement]:
 
 def _pairs(motions: Motions) -> Iterator[tuple[MotionCase, MotionCase]]:
     """Yield (who leaves a place, who comes to it) for all motions that are known."""
-    signatures = motions.facts.by_signature
+    facts = motions.facts
+    snapshot, poses_of = facts.snapshot, {case: facts.signature(case)[1] for case in facts.cases}
     leaving: dict[tuple[Body, Configuration], list[MotionCase]] = {}
     coming: dict[tuple[Body, Configuration], list[MotionCase]] = {}
-    for (body, poses), cases in sorted(signatures.items(), key=lambda i: str(i[0][1])):
-        leaving.setdefault((body, poses[0]), []).extend(cases)
+    for case, poses in sorted(poses_of.items(), key=lambda i: str(i[1])):
+        body = snapshot.objects[case.task.object].body
+        leaving.setdefault((body, poses[0]), []).append(case)
         if not stays(poses):
-            coming.setdefault((body, poses[-1]), []).extend(cases)
+            coming.setdefault((body, poses[-1]), []).append(case)
     for here, going in leaving.items():
         for there, arriving in coming.items():
             check_time()
             if here[0].flies or there[0].flies or not motions.service.overlap(*here, *there):
                 continue
-            pairs = itertools.product(going, arriving)
-            yield from (pair for pair in pairs if are_apart(*pair))
+            pairs = product(going, arriving)
+            yield from (pair for pair in pairs if are_apart(snapshot, *pair))
 
 
 def proven_gap(leaving: Signature, coming: Signature) -> float:
@@ -525,7 +544,7 @@ def proven_gap(leaving: Signature, coming: Signature) -> float:
     """
     (one, from_poses), (other, to_poses) = leaving, coming
     best = 0.0
-    for first, second in itertools.product(_discs(one), _discs(other)):
+    for first, second in product(_discs(one), _discs(other)):
         p = Frame(*from_poses[0]).of((*first[:2], 0.0))[:2]
         q = Frame(*to_poses[-1]).of((*second[:2], 0.0))[:2]
         way = first[2] + second[2] - math.dist(p, q)
@@ -537,7 +556,7 @@ def proven_gap(leaving: Signature, coming: Signature) -> float:
 
 def _pull(body: Body, disc: tuple[float, float, float]) -> float | None:
     """Return half of the acceleration (m/s^2) of a disc's centre, at most; None: not bounded."""
-    kinematics, off = body.kinematics, math.hypot(disc[0], disc[1])
+    kinematics, off = body.kinematics.own, math.hypot(disc[0], disc[1])
     if kinematics.mobility.steers:
         return kinematics.a_max / 2 * (1 + off / kinematics.turning_radius)
     if kinematics.mobility.sideways and off < 1e-3:

@@ -27,6 +27,7 @@ from up_samp.model import (
 )
 from up_samp.model.errors import short
 from up_samp.model.frames import PlacedMap
+from up_samp.model.graphs import grouped
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.expressions import told_by
 from up_samp.upio.plan import trajectory_key
@@ -96,13 +97,24 @@ def _alike(
     they differ by rounding, or by whole turns.
     """
     at: dict[tuple[object, ...], list[str]] = {}
-    for name, pose in configurations.items():
-        key = *pose[:2], math.cos(pose[2]), math.sin(pose[2])
-        if len(pose) != 3:  # a quaternion and its negative turn alike
-            key = *pose[:3], *map(float, np.outer(pose[3:], pose[3:]).flat)
-        there = (len(pose), map_of.get(name), *(round(v, 6) + 0.0 for v in key))
-        at.setdefault(there, []).append(name)
+    maps = grouped(configurations, lambda name: (len(configurations[name]), map_of.get(name)))
+    for number, names in enumerate(maps.values()):
+        numbers = np.array([_without_turns(configurations[name]) for name in names])
+        # no grid: what rounding takes to two sides of its lines may be as near as anything
+        order = np.argsort(numbers, axis=0, kind="stable")
+        steps = np.diff(np.take_along_axis(numbers, order, 0), axis=0) > 1e-6
+        ranks = np.zeros(numbers.shape, dtype=np.int64)
+        np.put_along_axis(ranks, order[1:], np.cumsum(steps, axis=0), axis=0)
+        for name, rank in zip(names, ranks, strict=True):
+            at.setdefault((number, *rank.tolist()), []).append(name)
     return {name: tuple(some) for some in at.values() if len(some) > 1 for name in some}
+
+
+def _without_turns(pose: Configuration) -> tuple[float, ...]:
+    """Return numbers that are the same for poses that whole turns lie between."""
+    if len(pose) != 3:  # a quaternion and its negative turn alike
+        return *pose[:3], *map(float, np.outer(pose[3:], pose[3:]).flat)
+    return *pose[:2], math.cos(pose[2]), math.sin(pose[2])
 
 
 def _names_of(

@@ -243,7 +243,7 @@ def _with_rules(obj: MovableObject, limits: Kinematics) -> Kinematics:
             raise ProblemError(f"{who}: '{key}' is True or False, not {short(value)}")
     limits = limited(f"'{_ALONG}' is True: ", drives_along=along)
     told = f"it has '{_V_BACK}'" if reverse else f"'{_REVERSE}' is False"
-    back = float(positive(_V_BACK, " of m/s"))
+    back = min(limits.v_back, float(positive(_V_BACK, " of m/s")))
     limits = limited(f"{told}: ", reverse=reverse, v_back=back)
     if _BACK_COST in own:
         cost = float(positive(_BACK_COST))
@@ -323,20 +323,21 @@ def _read_control(obj: MovableObject, limits: Kinematics) -> Kinematics:
 def _bicycle(
     obj: MovableObject, limits: Kinematics, curvature: float, given: Mapping[str, Any]
 ) -> Kinematics:
-    """Return a car's limits. The model can reverse, at ``-v_min`` at most where that is negative
-    (one top speed is used for both ways); a positive ``v_min`` is a speed, not a direction.
+    """Return a car's limits. The model can reverse, at ``-v_min`` at most where that is negative; a
+    positive ``v_min`` is a speed, not a direction.
     """
     own = _told(obj)
     speed = float(given["v_max"])
-    if float(given.get("v_min", -speed)) < 0:
-        speed = min(speed, -float(given.get("v_min", -speed)))
+    speed = min(limits.v_max, speed) if "v_max" in own else speed
+    back = -float(given.get("v_min", -speed))
     radius = 1.0 / curvature
     # a bicycle drives along its heading: a body that could move anywhere is a car with it
     return replace(
         limits,
         model=MotionModel.REEDSSHEPP if limits.mobility.sideways else limits.model,
         turning_radius=max(limits.turning_radius, radius) if "turning_radius" in own else radius,
-        v_max=min(limits.v_max, speed) if "v_max" in own else speed,
+        v_max=speed,
+        v_back=back if 0 < back < speed else math.inf,
     )
 
 

@@ -95,22 +95,24 @@ def laden_bodies(tasks: Iterable[MotionTask], floor: RideFloor) -> dict[tuple[st
 
 def laden_body(body: Body, loads: Sequence[tuple[Body, Configuration]]) -> Body:
     """Return a body with ``loads`` at poses in its frame, as one."""
-    height = max(body.height, *(load.height for load, _ in loads))
-    limits = body.kinematics
+    heights, limits = [body.height, *(load.height for load, _ in loads)], body.kinematics
     for load, offset in loads:
         if load.kinematics.drives_along:
-            limits = _together(limits, load.kinematics, math.hypot(*offset[:2]))
-    return replace(body, footprint=_joined(body, loads), height=height, kinematics=limits)
+            limits = _together(limits, load.kinematics, offset)
+    outline, high, low = _joined(body, loads), max(heights), min(heights)
+    return replace(body, footprint=outline, height=high, low=low, kinematics=limits)
 
 
-def _together(mine: Kinematics, its: Kinematics, off: float) -> Kinematics:
-    """Return the limits of a body and one that drives along ``off`` m from its reference point. A
-    quarter of that one's acceleration is for what pulls it outwards in turns.
+def _together(mine: Kinematics, its: Kinematics, at: Configuration) -> Kinematics:
+    """Return the limits of a body and one that drives along at a pose in its frame. A quarter of
+    that one's acceleration is for what pulls it outwards in turns.
     """
+    off = math.hypot(*at[:2])
     omega = min(mine.omega_max, its.omega_max, math.sqrt(its.a_max / 4 / max(off, SAME)))
     v_max, reach = min(mine.v_max, its.v_max), max(mine.reach, off)
     a_max = min(mine.a_max, its.a_max - omega**2 * off)
-    return replace(mine, v_max=v_max, a_max=a_max, omega_max=omega, reach=reach)
+    parts = (*(mine.parts or ((STAY, mine),)), (at, its))
+    return replace(mine, v_max=v_max, a_max=a_max, omega_max=omega, reach=reach, parts=parts)
 
 
 def _with(task: MotionTask, rides: tuple[Ride, ...]) -> MotionTask:

@@ -10,11 +10,13 @@ from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import LT, OneshotPlanner, get_environment
 
 import up_samp  # noqa: F401  (registers the engines)
+from tests.handmade import drive
 from tests.motion.fleet.flying import UPRIGHT, World
 from up_samp.geometry.meshes import covered
 from up_samp.io import result_to_dict
 from up_samp.io.restore import contradictions
-from up_samp.model import ProblemError
+from up_samp.model import CandidateSchedule, ProblemError
+from up_samp.upio import build_plan, read_problem
 from up_samp.validation import validate_plan
 
 pytest.importorskip("coal")
@@ -166,3 +168,21 @@ def test_shadows_are_where_triangles_are_low():
         inside = inside[shapely.contains(shadow, inside)]
         near = shapely.MultiPoint(low[:, :2])
         assert len(low) == 0 or shapely.distance(near, inside).max(initial=0) < 0.4
+
+
+@pytest.mark.parametrize("place", [(7, 6, 3), (12, 6, 3)])
+def test_what_hangs_above_a_cart_and_not_above_its_tall_load_is_no_proof(world, place):
+    """One body, of which the judge takes each part to be as high as it is."""
+    world.flyer("bar", (*place, *UPRIGHT), size=(1.0, 0.5, 0.3))
+    cart = world.flat("cart", (7, 6, 0), motion_parameters={**LOW, "height": 0.5})
+    world.flat("load", (7, 6.6, 0), motion_parameters={**LOW, "height": 3.5})
+    go = world.move("drive", cart, cart.home, world.place(12, 6, 0))
+    go.add_motion_effect(world.problem.object("load"), world.place(12, 6.6, 0))
+    drives = {"drive": drive((7, 6, 0), [(5.0, 0.0)], 0.0, 1.5, 1.0)}
+    times = CandidateSchedule({"drive": (0, 6)}, {})
+    known = build_plan(world.problem, read_problem(world.problem), times, drives)
+    assert validate_plan(world.problem, known).valid
+    few = {"max_restarts": 0, "query_seconds": 0.2}
+    with OneshotPlanner(name="samp-refine[cpsat]", params=few) as planner:
+        status = planner.solve(world.problem, timeout=20).status
+    assert status is not Status.UNSOLVABLE_PROVEN

@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +24,7 @@ from up_samp.geometry.records import along, inner, kernel
 from up_samp.geometry.shapes import core_of, shape_of
 from up_samp.model import Body, Configuration, Kinematics, Mobility, Placed, TrafficZone
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
+from up_samp.model.frames import Frame
 from up_samp.motion.curves.reeds_shepp import DriveLimits, run_time, shortest
 from up_samp.motion.curves.slowing import OVER
 from up_samp.motion.curves.trapezoid import limits_of
@@ -50,6 +51,9 @@ class DurationBounds:
         kin = body.kinematics
         if kin.mobility.own_law:
             return 0.0
+        if kin.parts:
+            lead = self.through(replace(body, kinematics=kin.own), poses, obstacles)
+            return max(lead, *(self._along(body, part, poses) for part in kin.parts[1:]))
         legs = list(itertools.pairwise(poses))
         length = sum(self.way(body, a, b, obstacles) for a, b in legs)
         least = self._least(body, legs, length)
@@ -65,12 +69,21 @@ class DurationBounds:
         """Return seconds that no motion through ``poses`` beats, to rest at the last one, from when
         the last of the obstacles goes away that it cannot pass (0: nothing is proven).
         """
-        kin = body.kinematics
+        kin = body.kinematics.own
         if kin.mobility.own_law:
             return 0.0
         left = self.certifier.left(body, poses, obstacles)
         # as long as the second half of a motion from rest to rest
         return 0.5 * run_time(2 * left, kin.v_max, kin.a_max) * (1 - 1e-9)
+
+    @classmethod
+    def _along(
+        cls, body: Body, part: tuple[Configuration, Kinematics], poses: Sequence[Configuration]
+    ) -> float:
+        """Return seconds that one of several bodies that drive together takes at least."""
+        legs = list(itertools.pairwise(Frame(*pose).of(part[0]) for pose in poses))
+        length = sum(math.dist(a[:2], b[:2]) for a, b in legs)
+        return cls._least(replace(body, kinematics=part[1]), legs, length) * (1 - 1e-9)
 
     @staticmethod
     def _least(
