@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Collection, Mapping
-from functools import cached_property
+from functools import cached_property, partial
 
+from unified_planning.model import FNode
 from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.model import check_time
@@ -18,7 +19,7 @@ from up_samp.model.snapshot import Term, TermKind
 from up_samp.refinement import rules
 from up_samp.scheduling.cpsat.encode.terms import least
 from up_samp.search.facts import units_apart
-from up_samp.search.fleet.jobs import clauses_of, latest_times, needs_in, stated_gaps
+from up_samp.search.fleet.jobs import clauses_of, held_by, latest_times, needs_in, stated_gaps
 from up_samp.search.fleet_bound.timelines import guaranteed_locations
 from up_samp.search.world import Motions
 
@@ -123,12 +124,23 @@ class SoonestEnds:
         start = self._snapshot.initial[name]
         return self._units(name, start, place.name if known else start)
 
+    @cached_property
+    def _held(self) -> Mapping[str, frozenset[FNode]]:
+        return held_by(self._problem)
+
+    def _stays(self, name: str, robot: str) -> bool:
+        """Return whether no drive of a robot is under way when an activity begins: who drives off
+        is told to be where it was until it has come somewhere else.
+        """
+        drives, held = self._snapshot.movers[robot], self._held
+        return name in drives or all(held[name] & held[drive] for drive in drives)
+
     def _apart(self, first: str, then: str) -> int:
         """Return how long after the start of one activity another one begins at least, as somebody
         has to be somewhere for each.
         """
         here, there = (self._stands.get(name, {}) for name in (first, then))
-        both = here.keys() & there.keys()
+        both = [*filter(partial(self._stays, first), here.keys() & there.keys())]
         return max((self._units(r, here[r], there[r]) - _SEEN for r in both), default=0)
 
     def _lasts(self, name: str) -> int:
