@@ -64,8 +64,8 @@ class Trip:
         self.busy[who] += made
         return made
 
-    def stop(self, name, places, length, span=whole, who=0):
-        a = self.problem.add_activity(name, length)
+    def stop(self, name, places, length, span=whole, who=0, *, optional=False):
+        a = self.problem.add_activity(name, length, optional)
         a.add_condition(span(a), self.here(places, who))
         self.busy[who].append(a)
         return a
@@ -221,6 +221,32 @@ def two_travellers_meet():
     return trip.done(), 26
 
 
+def opened_first_by_somebody_else(told):
+    """Who opens a door later, for what it does next, need not be the first to open it: that it has
+    to be there, or what else it sets, is no matter of who goes through first.
+    """
+    trip = Trip("ABCD", before=LE, starts="AC")
+    door, fork = trip.flag("door"), trip.flag("fork")
+    through, _ = trip.moves(("A", "B", 2), ("B", "A", 2))
+    through.add_condition(begin(through), door())
+    trip.moves(("C", "A", 8), ("A", "D", 2), who=1)
+    opens = [trip.stop(f"opens{who}", "A", 1, who=who, optional=True) for who in range(2)]
+    for a in opens:
+        a.add_effect(a.end, door(), True)
+    opens[1].add_effect(opens[1].end, fork(), True)
+    trip.stop("s", "B", 10)
+    ways = [trip.stop(f"way{k}", "D", 1, who=1, optional=True) for k in range(2)]
+    trip.problem.add_constraint(Or(a.present for a in ways))
+    trip.problem.add_constraint(Or(Not(a.present) for a in ways))
+    for a in ways:
+        if told == "state":
+            a.add_condition(begin(a), fork())
+        else:
+            trip.problem.add_constraint(opens[1].present, [a.present])
+            trip.problem.add_constraint(LT(opens[1].end, a.start), [a.present])
+    return trip.done(), 15
+
+
 def the_way_home_and_the_global_end():
     trip = Trip()
     trip.moves(("A", "B", 5), ("B", "A", 5))
@@ -258,6 +284,8 @@ def well_before_the_global_end():
         free_place_with_somebody_in_it,
         comes_later_from_one_of_two_places,
         two_travellers_meet,
+        lambda: opened_first_by_somebody_else("presence"),
+        lambda: opened_first_by_somebody_else("state"),
         the_way_home_and_the_global_end,
         well_before_the_global_end,
     ],

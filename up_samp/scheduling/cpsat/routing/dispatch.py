@@ -176,6 +176,8 @@ class RoutedTask:
     """Nobody wants it by itself, but something that is wanted cannot be done before it."""
     opens: Key | None = None
     """The door that it opens, if it and only it does, and nothing shuts it."""
+    again: bool = False
+    """Several of its ways may be taken, at times of their own: it is the first of these."""
     opened: list[tuple[int, int]] = field(default_factory=list)
     """(needed task, time from its start): what opens the way to this one, whoever does it."""
 
@@ -250,7 +252,7 @@ def _merged(
     found = []
     for i in kept:
         one, some = tasks[i], [tasks[m] for m in members.get(i, [i])]
-        one.ways = [way for task in some for way in task.ways]
+        one.ways, one.again = [way for task in some for way in task.ways], i in several
         one.stirs = [s for s in one.stirs if all(s in task.stirs for task in some)]
         one.after, one.apart = of_each(i, one.after), of_each(i, one.apart)
         one.queues = [(end, {number[t]: n for t, n in some.items()}) for end, some in one.queues]
