@@ -221,6 +221,21 @@ def two_travellers_meet():
     return trip.done(), 26
 
 
+def met_before(who):
+    """Two meet, and both have done what one of them sets by that."""
+    trip = Trip("AB", before=LE, starts="AA")
+    fork = trip.flag("fork")
+    for each in range(2):
+        trip.moves(("A", "B", 3), ("B", "A", 3), who=each)
+    meet = trip.stop("meet", "B", 1)
+    meet.add_condition(whole(meet), trip.here("B", 1))
+    trip.busy[1].append(meet)
+    meet.add_effect(meet.end, fork(), True)
+    then = trip.stop("then", "A", 1, who=who)
+    then.add_condition(begin(then), fork())
+    return trip.done(), 10
+
+
 def opened_first_by_somebody_else(told):
     """Who opens a door later, for what it does next, need not be the first to open it: that it has
     to be there, or what else it sets, is no matter of who goes through first.
@@ -284,6 +299,8 @@ def well_before_the_global_end():
         free_place_with_somebody_in_it,
         comes_later_from_one_of_two_places,
         two_travellers_meet,
+        lambda: met_before(0),
+        lambda: met_before(1),
         lambda: opened_first_by_somebody_else("presence"),
         lambda: opened_first_by_somebody_else("state"),
         the_way_home_and_the_global_end,

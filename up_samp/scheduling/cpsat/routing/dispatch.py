@@ -181,6 +181,11 @@ class RoutedTask:
     opened: list[tuple[int, int]] = field(default_factory=list)
     """(needed task, time from its start): what opens the way to this one, whoever does it."""
 
+    def is_of_one(self, way: int) -> bool:
+        """Return whether one traveller alone takes a way, and they do not meet."""
+        names = [name for _, name, _ in self.ways]
+        return names.count(names[way]) == 1
+
 
 Need = tuple[Key, frozenset[int]]
 """A state, and the values that it must have for somebody to come."""
@@ -375,7 +380,8 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork:
     held, changes = find_set_back(model, routes, names, coming)
     for (number, _), told in changes.items():
         tasks[number].changes = [*dict.fromkeys((*tasks[number].changes, *told))]
-    own = find_own_states(model, routes, names)
+    alone = {name: (n, way) for name, (n, way) in names.items() if tasks[n].is_of_one(way)}
+    own = find_own_states(model, routes, alone)
     made_for = {
         move.name: frozenset(some)
         for route in routes
