@@ -221,6 +221,16 @@ def two_travellers_meet():
     return trip.done(), 26
 
 
+def near_or_far(places):
+    """One thing, done at one place or at another one, whichever is listed first."""
+    trip = Trip("ABC", before=LE)
+    trip.moves(("A", "B", 3), ("B", "A", 3), ("A", "C", 9), ("C", "A", 9))
+    ways = [trip.stop(f"at{place}", place, 1, optional=True) for place in places]
+    trip.problem.add_constraint(Or(a.present for a in ways))
+    trip.problem.add_constraint(Or(Not(a.present) for a in ways))
+    return trip.done(), 5
+
+
 def met_before(who):
     """Two meet, and both have done what one of them sets by that."""
     trip = Trip("AB", before=LE, starts="AA")
@@ -299,6 +309,8 @@ def well_before_the_global_end():
         free_place_with_somebody_in_it,
         comes_later_from_one_of_two_places,
         two_travellers_meet,
+        lambda: near_or_far("BC"),
+        lambda: near_or_far("CB"),
         lambda: met_before(0),
         lambda: met_before(1),
         lambda: opened_first_by_somebody_else("presence"),

@@ -38,6 +38,13 @@ class TaskShare:
     later: int
     back: int
 
+    def least_of(self, other: TaskShare | None) -> TaskShare:
+        """Return what is less of this and of another way to do the task, where there is one."""
+        ways = (self,) if other is None else (self, other)
+        return TaskShare(
+            min(w.first for w in ways), min(w.later for w in ways), min(w.back for w in ways)
+        )
+
     @property
     def base(self) -> int:
         """What it costs if it is not the first one (or, where it has to be that, as the first)."""
@@ -60,7 +67,9 @@ class TaskShare:
 
 
 def shares(work: RoutedWork) -> list[dict[int, TaskShare]]:
-    """Return, for each wanted task, what it costs each traveller that can do it."""
+    """Return, for each wanted task, what it costs each traveller that can do it, in whichever way
+    that is least.
+    """
     wanted = [task for task in work.tasks if task.wanted]
     spots: dict[int, list[tuple[int, int]]] = {}
     for number, task in enumerate(wanted):
@@ -79,7 +88,7 @@ def shares(work: RoutedWork) -> list[dict[int, TaskShare]]:
             later, back = min(costs, default=INFINITE), way_back(route, places, route.final)
             if min(first, later) < INFINITE:
                 first, later = (min(INFINITE, c + task.length) for c in (first, later))
-                mine[axis] = TaskShare(first, later, back)
+                mine[axis] = TaskShare(first, later, back).least_of(mine.get(axis))
         found.append(mine)
     return found
 
