@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 from ortools.sat.python import cp_model
 
@@ -38,12 +38,9 @@ class TaskShare:
     later: int
     back: int
 
-    def least_of(self, other: TaskShare | None) -> TaskShare:
-        """Return what is less of this and of another way to do the task, where there is one."""
-        ways = (self,) if other is None else (self, other)
-        return TaskShare(
-            min(w.first for w in ways), min(w.later for w in ways), min(w.back for w in ways)
-        )
+    def least_of(self, other: TaskShare) -> TaskShare:
+        """Return what is less of this and of another way to do the task."""
+        return TaskShare(*map(min, astuple(self), astuple(other)))
 
     @property
     def base(self) -> int:
@@ -88,7 +85,8 @@ def shares(work: RoutedWork) -> list[dict[int, TaskShare]]:
             later, back = min(costs, default=INFINITE), way_back(route, places, route.final)
             if min(first, later) < INFINITE:
                 first, later = (min(INFINITE, c + task.length) for c in (first, later))
-                mine[axis] = TaskShare(first, later, back).least_of(mine.get(axis))
+                share = TaskShare(first, later, back)
+                mine[axis] = share.least_of(mine.get(axis, share))
         found.append(mine)
     return found
 
