@@ -195,6 +195,19 @@ def free_place_with_somebody_in_it():
     return trip.done(), 8
 
 
+def put_into_a_place_for_one(by):
+    """Who is lifted there takes no unit, so the other may come as well."""
+    trip = place_for_one("AA", 1)
+    trip.stop("s", "B", 5)
+    trip.stop("t", "B", 5, who=1)
+    if by == "crane":
+        crane = trip.problem.add_activity("crane", 1, optional=True)
+        crane.add_effect(crane.end, trip.at[0](), trip.spots["B"])
+    else:
+        trip.problem.add_effect(GlobalStartTiming(1), trip.at[0](), trip.spots["B"])
+    return trip.done(), 8
+
+
 def comes_later_from_one_of_two_places():
     """What may happen at A or B happens at A, so that B is still free for the other."""
     trip = place_for_one("AA", 1)
@@ -307,6 +320,8 @@ def well_before_the_global_end():
         door_needed_after_the_arrival,
         quicker_last_move_on_a_way_round_about,
         free_place_with_somebody_in_it,
+        lambda: put_into_a_place_for_one("crane"),
+        lambda: put_into_a_place_for_one("the problem itself"),
         comes_later_from_one_of_two_places,
         two_travellers_meet,
         lambda: near_or_far("BC"),

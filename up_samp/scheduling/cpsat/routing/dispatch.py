@@ -49,7 +49,7 @@ def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlac
     """Return the unary places: 0/1 fluents that arrivals decrease and departures increase.
 
     Assumes: every arrival takes the one unit at its end, every departure gives it back at its
-    start, and whoever begins there has it.
+    start, whoever begins there has it, and nobody is put there otherwise.
     """
     carriers: dict[int | None, set[Key]] = {}
     for route in routes:
@@ -73,7 +73,8 @@ def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlac
             comes = {(m.name, m.to) for m in route.moves}
             inside = frozenset(to for name, to in comes if to in arrivals.get(name, ()))
             begins = {(m.name, origin) for m in route.moves for origin in m.origins}
-            if not (_are(comes, inside, arrivals) and _are(begins, inside, departures)):
+            told = _are(comes, inside, arrivals) and _are(begins, inside, departures)
+            if not told or route.free & inside:
                 break
             places[route.key] = inside
         else:
