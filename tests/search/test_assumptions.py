@@ -4,6 +4,7 @@ Every docstring in ``up_samp/search`` that says what is assumed has a row here. 
 breaks the assumption goes its twin that keeps it: what is recognised in the twin would be wrong.
 """
 
+import itertools
 from functools import partial
 
 import pytest
@@ -261,6 +262,20 @@ def held_while_another_lasts(site, made):
         do.add_increase_effect(Timing(0, short.end), site.hand[r], 1)
 
 
+def momentary(units=0):
+    """Two looks at home that take a moment, a while apart: the robot may have driven off."""
+    site = Site()
+    looks = []
+    for r, (go, do) in enumerate(errand(site)):
+        one, two = (site.work(f"{name}{r}", r, units, f"home{r}") for name in ("one", "two"))
+        site.draw(one, two, 20)
+        for a, b in itertools.permutations((one, go, do), 2):
+            site.state(a.present, b)
+        looks.append(one)
+    site.one_of(*looks)
+    return site.problem
+
+
 # -- pauses that somebody else fills ---------------------------------------------------------------
 def filled(at="B", *, hand=True):
     """A pause of 20 units at B, or else work at D, with other work of 15, ``at`` B or not."""
@@ -436,6 +451,7 @@ BROKEN = {
             ),
             partial(checked, hands=2),
             partial(checked, uses=False),
+            momentary,
         ),
     ),
     "idle_between": (
@@ -467,6 +483,7 @@ BROKEN = {
             partial(wanted, drawn="either"),
         ),
     ),
+    "units_apart": (stands, (partial(stands, change=moved_by_others),)),
     "_counted": (partial(shared_by_two, one=False), (shared_by_two,)),
     "items_of": (stands, (partial(stands, "empty"), partial(stands, change=told_by_others))),
     "final_occupancy": (

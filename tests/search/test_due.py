@@ -37,6 +37,7 @@ from tests.benchmarks.scene import hall_map
 from tests.metamorphic.motions import ALIKE, OTHERS, write
 from tests.metamorphic.sites import FAMILIES
 from tests.search.limits import WRITINGS, by_scope, limits, releases
+from tests.search.test_assumptions import Site
 from tests.shuffled import shuffled
 from up_samp.benchmarks.instances import instance
 from up_samp.model import Deadline, TrafficZone
@@ -165,9 +166,10 @@ def test_what_is_done_with_a_stop_before_a_dock_is_not_due_too_soon(seed):
     assert result.plan is not None, result.log_messages
 
 
-@pytest.mark.parametrize(
-    "seed", [1, *(pytest.param(k, marks=pytest.mark.long) for k in range(2, 9))]
-)
+SEEDS = [1, *(pytest.param(k, marks=pytest.mark.long) for k in range(2, 9))]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
 def test_no_place_is_nearer_with_a_stop_on_the_way(seed):
     """By what is known of tours: what is known of drives tells more of those that end at a dock."""
     rng = random.Random(seed)
@@ -233,6 +235,29 @@ def read_on_the_way(rng):
 def test_who_is_told_to_be_somewhere_may_be_under_way(seed):
     problem = shuffled(read_on_the_way(random.Random(seed)), seed, rename=False).problem
     tell_when(problem, seed)
+
+
+@pytest.mark.parametrize(
+    ("units", "hand", "soonest"), [(1, False, False), (0, True, False), (1, True, True)]
+)
+def test_who_drives_off_is_told_to_be_where_it_was_until_it_has_come_elsewhere(
+    units, hand, soonest
+):
+    """What is looked at at home may be so while the robot drives, unless that keeps it there."""
+    site = Site(1)
+    go, wait = site.drive("go", 0, "B", "home0"), site.work("wait", 0, 9, hand=False)
+    look, work = site.work("look", 0, units, "home0", hand=hand), site.work("work", 0, 1, "B")
+    site.problem.add_constraint(work.present)
+    for other in (go, wait, look):
+        site.state(other.present, work)
+    site.state(LE(wait.end, look.start))
+    site.state(LE(look.end, work.start))
+    problem = shuffled(site.problem, units, rename=False).problem
+    problem.add_constraint(LE(problem.get_activity("work").end, 16))
+    assert bool(due_too_soon(problem, motions_of(problem))) == soonest
+    result = plan_of(problem)
+    assert (result.status is Status.UNSOLVABLE_PROVEN) == soonest, result.log_messages
+    assert soonest == (result.plan is None)
 
 
 @pytest.mark.parametrize("writing", WRITINGS)

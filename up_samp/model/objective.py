@@ -7,11 +7,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from fractions import Fraction
+from numbers import Real
 from typing import Any
 
 from unified_planning.model import FNode
 from unified_planning.model.metrics import MinimizeExpressionOnFinalState
 from unified_planning.shortcuts import Int
+
+from up_samp.model.errors import ProblemError
 
 
 @dataclass(frozen=True)
@@ -48,9 +51,22 @@ class Cost:
     rank: int = 0
 
     def __post_init__(self) -> None:
+        check_weight(self.weight, f"a cost of '{self.term}'")
         if (self.positive or self.share) and self.weight < 0:
             how = "counts above 0" if self.positive else "is a share"
             raise ValueError(f"a cost of '{self.term}' that {how} has a weight below 0")
+
+
+def check_weight(weight: object, whose: str) -> None:
+    """Refuse what no sum can be told by, UP's expressions among it.
+
+    :raises ProblemError: that says whose weight it is.
+    """
+    if not isinstance(weight, Real) or weight - weight != 0:  # nor what is infinite
+        raise ProblemError(
+            f"{whose} has the weight '{weight}': it has to be a number; an expression can be part "
+            "of what is counted"
+        )
 
 
 class MinimizeCosts(MinimizeExpressionOnFinalState):  # type: ignore[misc]

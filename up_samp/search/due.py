@@ -156,11 +156,11 @@ class SoonestEnds:
         that it is where it was last all the while it is on its way.
         """
         drives = {task.activity for task in self._snapshot.by_object[robot]}
-        held, units = self._held, self._durations[name]  # in no time nothing is held
+        held, before = self._held, self._before
         return name in drives or all(
-            len(held[name] & held[drive]) * units
-            or drive in self._before.get(name, ())
-            or name in self._before.get(drive, ())
+            held[name] & held[drive]
+            or drive in before.get(name, ())
+            or name in before.get(drive, ())
             for drive in drives
         )
 

@@ -19,7 +19,7 @@ from unified_planning.model.timing import GlobalEndTiming
 
 from up_samp.extensions import parts as from_outside
 from up_samp.model import UnsupportedError
-from up_samp.model.objective import Cost, MinimizeCosts
+from up_samp.model.objective import Cost, MinimizeCosts, check_weight
 from up_samp.upio.expressions import QuantifierRemover
 
 Number = int | Fraction
@@ -40,6 +40,9 @@ class ObjectivePart:
     activity: str | None = None
     positive: bool = False
     share: tuple[str, str] | None = None
+
+    def __post_init__(self) -> None:
+        check_weight(self.weight, f"'{self.node}'")
 
 
 class Objective(metrics.PlanQualityMetric):  # type: ignore[misc]
@@ -118,7 +121,7 @@ def _final(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
 def _goals(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
     for goal, gain in metric.goals.items():
         interval, node = goal if isinstance(goal, tuple) else (None, goal)
-        yield ObjectivePart(plain_number(gain), node, interval)
+        yield ObjectivePart(gain, node, interval)
 
 
 def _costs(metric: Any, problem: Any) -> Iterator[ObjectivePart]:

@@ -61,7 +61,9 @@ def figures_told(result: Any) -> dict[str, Any]:
 
 def words_told(result: Any) -> list[str]:
     """Return what an engine's result tells in words."""
-    return [message.message for message in result.log_messages or ()]
+    told = result.log_messages
+    some = told if isinstance(told, list | tuple) else filter(None, [told])  # cpse's is an error
+    return [getattr(message, "message", repr(message)) for message in some]
 
 
 def trajectory_key(activity: str, index: int) -> str:

@@ -12,6 +12,7 @@ from unified_planning.shortcuts import (
     And,
     BoolType,
     GlobalEndTiming,
+    IntType,
     MinimizeMakespan,
     Not,
     OneshotPlanner,
@@ -367,3 +368,30 @@ def test_what_breaks_an_engine_on_numbers_is_refused_by_name(low, high, kind, wh
         return
     with pytest.raises(UnsupportedError, match=why):
         refuse_numbers(problem)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "amount", "exact", "first"),
+    [
+        (1, 2, 1, True, 2),
+        (1, 2, 2, False, 2),  # whoever takes that could not be absent
+        (-1, 2, -1, True, -1),
+        (0, None, 3, True, 3),
+        (None, 0, -3, True, -3),
+        (0, 9, None, True, 9),
+        (0, 4, None, False, 4),
+        (0, 9, "far", False, 9),
+    ],
+)
+def test_who_is_absent_takes_and_gives_where_there_is_room(low, high, amount, exact, first):
+    problem = UpProblem("p")
+    begin = high if low is None else low
+    level = problem.add_fluent("level", IntType(low, high), default_initial_value=begin)
+    far = problem.add_fluent("far", IntType(0, 5), default_initial_value=2)
+    a = problem.add_activity("a", 0, optional=True)
+    taken = {None: a.add_parameter("n", IntType(0, 5)), "far": far()}.get(amount, amount)
+    a.add_decrease_effect(a.start, level(), taken)
+    compiled = compile_optional(read_plain(problem))
+    assert compiled.exact == exact
+    (copy,) = (e for e in compiled.problem.initial if "off_level" in str(e))
+    assert compiled.problem.initial[copy] == integer(first)

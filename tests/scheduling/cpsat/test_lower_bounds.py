@@ -64,8 +64,8 @@ class Trip:
         self.busy[who] += made
         return made
 
-    def stop(self, name, places, length, span=whole, who=0):
-        a = self.problem.add_activity(name, length)
+    def stop(self, name, places, length, span=whole, who=0, *, optional=False):
+        a = self.problem.add_activity(name, length, optional)
         a.add_condition(span(a), self.here(places, who))
         self.busy[who].append(a)
         return a
@@ -195,6 +195,19 @@ def free_place_with_somebody_in_it():
     return trip.done(), 8
 
 
+def put_into_a_place_for_one(by):
+    """Who is lifted there takes no unit, so the other may come as well."""
+    trip = place_for_one("AA", 1)
+    trip.stop("s", "B", 5)
+    trip.stop("t", "B", 5, who=1)
+    if by == "crane":
+        crane = trip.problem.add_activity("crane", 1, optional=True)
+        crane.add_effect(crane.end, trip.at[0](), trip.spots["B"])
+    else:
+        trip.problem.add_effect(GlobalStartTiming(1), trip.at[0](), trip.spots["B"])
+    return trip.done(), 8
+
+
 def comes_later_from_one_of_two_places():
     """What may happen at A or B happens at A, so that B is still free for the other."""
     trip = place_for_one("AA", 1)
@@ -219,6 +232,57 @@ def two_travellers_meet():
     meet.add_condition(whole(meet), trip.here("B", 1))
     trip.busy[1].append(meet)
     return trip.done(), 26
+
+
+def near_or_far(places):
+    """One thing, done at one place or at another one, whichever is listed first."""
+    trip = Trip("ABC", before=LE)
+    trip.moves(("A", "B", 3), ("B", "A", 3), ("A", "C", 9), ("C", "A", 9))
+    ways = [trip.stop(f"at{place}", place, 1, optional=True) for place in places]
+    trip.problem.add_constraint(Or(a.present for a in ways))
+    trip.problem.add_constraint(Or(Not(a.present) for a in ways))
+    return trip.done(), 5
+
+
+def met_before(who):
+    """Two meet, and both have done what one of them sets by that."""
+    trip = Trip("AB", before=LE, starts="AA")
+    fork = trip.flag("fork")
+    for each in range(2):
+        trip.moves(("A", "B", 3), ("B", "A", 3), who=each)
+    meet = trip.stop("meet", "B", 1)
+    meet.add_condition(whole(meet), trip.here("B", 1))
+    trip.busy[1].append(meet)
+    meet.add_effect(meet.end, fork(), True)
+    then = trip.stop("then", "A", 1, who=who)
+    then.add_condition(begin(then), fork())
+    return trip.done(), 10
+
+
+def opened_first_by_somebody_else(told):
+    """Who opens a door later, for what it does next, need not be the first to open it: that it has
+    to be there, or what else it sets, is no matter of who goes through first.
+    """
+    trip = Trip("ABCD", before=LE, starts="AC")
+    door, fork = trip.flag("door"), trip.flag("fork")
+    through, _ = trip.moves(("A", "B", 2), ("B", "A", 2))
+    through.add_condition(begin(through), door())
+    trip.moves(("C", "A", 8), ("A", "D", 2), who=1)
+    opens = [trip.stop(f"opens{who}", "A", 1, who=who, optional=True) for who in range(2)]
+    for a in opens:
+        a.add_effect(a.end, door(), True)
+    opens[1].add_effect(opens[1].end, fork(), True)
+    trip.stop("s", "B", 10)
+    ways = [trip.stop(f"way{k}", "D", 1, who=1, optional=True) for k in range(2)]
+    trip.problem.add_constraint(Or(a.present for a in ways))
+    trip.problem.add_constraint(Or(Not(a.present) for a in ways))
+    for a in ways:
+        if told == "state":
+            a.add_condition(begin(a), fork())
+        else:
+            trip.problem.add_constraint(opens[1].present, [a.present])
+            trip.problem.add_constraint(LT(opens[1].end, a.start), [a.present])
+    return trip.done(), 15
 
 
 def the_way_home_and_the_global_end():
@@ -256,8 +320,16 @@ def well_before_the_global_end():
         door_needed_after_the_arrival,
         quicker_last_move_on_a_way_round_about,
         free_place_with_somebody_in_it,
+        lambda: put_into_a_place_for_one("crane"),
+        lambda: put_into_a_place_for_one("the problem itself"),
         comes_later_from_one_of_two_places,
         two_travellers_meet,
+        lambda: near_or_far("BC"),
+        lambda: near_or_far("CB"),
+        lambda: met_before(0),
+        lambda: met_before(1),
+        lambda: opened_first_by_somebody_else("presence"),
+        lambda: opened_first_by_somebody_else("state"),
         the_way_home_and_the_global_end,
         well_before_the_global_end,
     ],

@@ -2,6 +2,7 @@
 
 import itertools
 import random
+from fractions import Fraction
 
 import pytest
 from unified_planning.model import (
@@ -26,13 +27,13 @@ from unified_planning.shortcuts import (
     UserType,
 )
 
-from up_samp.model import Deadline
+from up_samp.model import Deadline, UnsupportedError
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.encode.disjunctions import find_groups
 from up_samp.scheduling.cpsat.encode.forms import Cmp
 from up_samp.scheduling.cpsat.encode.recognition import find_unary
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.normal import Watcher, normal_form
+from up_samp.scheduling.cpsat.normal import Watcher, called, normal_form
 
 
 @pytest.fixture
@@ -125,13 +126,41 @@ def test_who_is_there_together_is_read_alike_however_each_pair_is_said(seed):
     for name, leader in form.presences.items():
         together.setdefault(leader, set()).add(name)
     assert sorted(map(sorted, together.values())) == [
-        ["builds1", "load1x", "load1y"],
-        ["builds2", "load2x", "load2y"],
+        [called(builds["1"]), "load1x", "load1y"],
+        [called(builds["2"]), "load2x", "load2y"],
     ]
     assert {frozenset(g) for g in find_groups(form)} == {
         frozenset(("load1x", "load2x")),
         frozenset(("load1y", "load2y")),
     }
+
+
+def test_variables_may_have_the_names_of_activities(problem):
+    """They decide nothing about these; two variables of one name are refused by name."""
+    some = [problem.add_activity(name, k, optional=True) for k, name in enumerate("abc", 1)]
+    variables = [problem.add_variable(name, BoolType()) for name in "bca"]
+    problem.add_constraint(Iff(variables[0], some[0].present))
+    problem.add_constraint(Not(variables[1]))
+    problem.add_constraint(And(some[0].present, some[2].present))
+    problem.add_quality_metric(MinimizeMakespan())
+    for plain in (False, True):
+        report = CpsatSession(problem, workers=1, plain=plain).solve(Deadline.after(60))
+        assert report.schedule is not None
+        assert report.schedule.makespan == 3
+    some[0].add_parameter("size", IntType(0, 1))
+    problem.add_variable("a.size", IntType(0, 5))
+    with pytest.raises(UnsupportedError, match=r"are called 'a\.size'"):
+        CpsatSession(problem).solve(Deadline.after(60))
+
+
+def test_real_and_whole_numbers_ask_a_variable_for_one_value(problem):
+    some = [problem.add_activity(name, 2, optional=True) for name in "ab"]
+    kind = problem.add_variable("kind", IntType(0, 3))
+    one = problem.environment.expression_manager.Real(Fraction(1))
+    for activity, value in zip(some, (1, one), strict=True):
+        problem.add_constraint(Equals(kind, value), scope=[activity.present])
+    problem.add_constraint(Or(a.present for a in some))
+    assert find_groups(normal_form(Watcher(problem).look())) == []
 
 
 def test_variables_that_decide_presences_make_alternatives(problem):
@@ -144,7 +173,8 @@ def test_variables_that_decide_presences_make_alternatives(problem):
     problem.add_constraint(Or(builds["1"], builds["2"]))
     problem.add_constraint(Not(And(builds["1"], builds["2"])))
     form = normal_form(Watcher(problem).look())
-    assert form.presences["builds1"] == form.presences["load1y"] != form.presences["load2y"]
+    assert form.presences[called(builds["1"])] == form.presences["load1y"]
+    assert form.presences["load1y"] != form.presences["load2y"]
     assert find_groups(form) == [
         ("load1x", "load2x"),
         ("load1y", "load2y"),

@@ -1,14 +1,19 @@
 """Metrics other than the makespan: proven values are those that brute force finds."""
 
+import math
+import re
 from fractions import Fraction
 
 import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
-from unified_planning.shortcuts import OneshotPlanner, get_environment
+from unified_planning.shortcuts import Int, Minus, OneshotPlanner, get_environment
 
 from tests.oracles.brute_force_schedule import solve as brute_force
 from tests.scheduling.cpsat.objectives import ORDER, SORTS, problem_with
 from tests.scheduling.cpsat.random_problems import HORIZON
+from up_samp.model import ProblemError
+from up_samp.model.objective import Cost
+from up_samp.upio.objective import objective_of
 from up_samp.validation import ranked, validate_schedule, value_of
 
 OPTIMALLY = "SOLVED_OPTIMALLY"
@@ -93,3 +98,15 @@ def test_an_engine_that_minimises_one_sum_refuses_an_order():
         result = planner.solve(problem, timeout=60)
     assert result.status is Status.UNSUPPORTED_PROBLEM
     assert "then late + all, then most' in this order: samp-refine" in str(result.log_messages)
+
+
+@pytest.mark.parametrize("weight", [Minus(0, 1), Int(2), math.inf])
+def test_a_weight_that_is_no_number_is_refused_by_name(weight):
+    with pytest.raises(ProblemError, match=re.escape(f"'late' has the weight '{weight}'")):
+        Cost("late", weight, Int(3))
+    problem = problem_with("goals", 1)
+    goals = problem.quality_metrics[0].goals
+    goal = next(iter(goals))
+    goals[goal] = weight  # UP itself refuses expressions, and says not where
+    with pytest.raises(ProblemError, match=re.escape(f"'{goal}' has the weight '{weight}'")):
+        objective_of(problem)

@@ -1,9 +1,13 @@
 """Bounds from the jobs of errands in mixed styles, against schedules found without them."""
 
+import random
+
 import pytest
 
+from tests.metamorphic.test_names_of_poses import OtherNames
 from tests.search.fleet_bound.errands import errands
 from tests.search.test_assumptions import Site, bound, known, soonest
+from tests.shuffled import shuffled
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.search.budget import Budget
@@ -51,6 +55,16 @@ def told(seed):
 def test_no_errands_are_done_sooner_than_the_bound(seed):
     least, best = told(seed)
     assert 0 < least <= best
+
+
+@pytest.mark.parametrize("seed", [3, 7])
+def test_errands_take_no_longer_by_other_names_of_their_places(seed):
+    """What fluents tell by one name, drives lead to by another, whichever of them comes first."""
+    least = bound(errands(seed))
+    for k in range(1, 4):
+        problem = errands(seed)
+        assert OtherNames(problem, random.Random(seed + k)).others
+        assert bound(shuffled(problem, k).problem) <= least
 
 
 @pytest.mark.long

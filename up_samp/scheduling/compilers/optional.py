@@ -175,6 +175,7 @@ class _OptionalCompiler:
         self.normal = DifferenceForm(replace(problem, activities=certain))
         self._copies: dict[tuple[str, Expr], str] = {}
         self.idle: dict[str, dict[Expr, Expr]] = {}
+        self.exact = True
 
     def compile(self) -> Compiled:
         problem = self.problem
@@ -211,7 +212,7 @@ class _OptionalCompiler:
             initial={**kept, **self.initial},
         )
         floor = max((self.shortest[n] + self.earliest[n] for n in self.optional), default=0)
-        return Compiled(compiled, self.present, floor)
+        return Compiled(compiled, self.present, floor, self.exact)
 
     def _with_default(self, fluent: Fluent) -> Fluent:
         """Return the fluent with a default value, for copies whose value does not matter."""
@@ -343,11 +344,31 @@ class _OptionalCompiler:
         return ("par", self.present[owner]) if owner in self.present else TRUE
 
     def _make_room(self, effect: Effect, copy: str) -> None:
-        """Let the copy start with a value from which one can count."""
+        """Let the copy start with a value from which one can count. Where an amount is more than
+        its fluent's type has room for, nobody who changes it so can be absent.
+        """
         _, low, high = self.problem.fluents[effect.fluent[1]].type
-        value = (low or 0) if effect.kind == "increase" else (high or 0)
+        least, most = self._amounts(effect.value)
+        rises = (effect.kind == "increase") == (least >= 0)
+        most = max(-least, most)
+        value = low if rises else high
+        if value is None:  # there is room from the other bound on
+            value = (high or 0) - most if rises else (low or 0) + most
+        room = math.inf if None in (low, high) else high - low
+        self.exact &= most <= room
         for ground in ground_fluents(self.problem, {effect.fluent[1]}):
             self.initial[(*ground, ("obj", copy))] = integer(value)
+
+    def _amounts(self, value: Expr) -> tuple[int, int]:
+        """Return the least and the greatest amount. Where they are not known, or of both signs, the
+        compiled problem is not exact.
+        """
+        value = evaluate(value)
+        tpe = self.problem.parameter_types[value[1]] if value[0] == "par" else value
+        plain = all((tpe[0] == "int", None not in tpe))
+        known = tpe[1:] if plain else (0,)
+        self.exact &= plain & (known[0] * known[-1] >= 0)
+        return known[0], known[-1]
 
     def _reading_copy(self, atom: Expr, wish: Expr) -> str:
         """Return the slot in which the fluent has the wished value and nobody writes."""

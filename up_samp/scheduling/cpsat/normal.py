@@ -252,8 +252,13 @@ def _order(part: FNode, before: BeforeOf) -> tuple[str | None, list[Before]] | N
 
 
 Presences = Mapping[str, str]
-"""Names of activities and bool variables -> the first name of those decided together (one that is
-decided alone is not in it)."""
+"""Names of activities and bool variables (:func:`called`) -> the first name of those decided
+together (one that is decided alone is not in it)."""
+
+
+def called(variable: Any) -> str:
+    """Return the name of a bool variable among decisions: an activity may have its own."""
+    return f"\0{variable.name}"
 
 
 def decided(node: FNode) -> str | None:
@@ -261,7 +266,7 @@ def decided(node: FNode) -> str | None:
     if node.node_type is Op.PRESENT_EXP:
         return str(node.presence().container)
     if node.node_type is Op.PARAM_EXP and node.type.is_bool_type():
-        return str(node.parameter().name)
+        return called(node.parameter())
     return None
 
 
@@ -367,6 +372,6 @@ def normal_form(parts: Additions) -> NormalForm:
     presences = find_presences(
         clauses,
         [a.name for a in parts.activities if a.optional],
-        [v.name for v in parts.variables if v.type.is_bool_type()],
+        [called(v) for v in parts.variables if v.type.is_bool_type()],
     )
     return NormalForm(parts, clauses, presences, preconditions)

@@ -70,17 +70,20 @@ def stated_precedences(
 def held_by(problem: SchedulingMotionProblem) -> dict[str, frozenset[FNode]]:
     """Return by activity the resources of one unit that it alone holds from its start to its end.
 
-    Nobody else may give or take them otherwise.
+    Nobody else may give or take them otherwise. What may last no time keeps nobody away: it can
+    happen while another one holds them (a drive that lasts no time leads nowhere).
 
     Assumes: nobody gives or takes a resource but by a pair of effects from a start to an end.
     """
     held = {a.name: _held(a) for a in problem.activities}
+    driven = {a.name for a in problem.motion_activities if a.motion_constraints}
+    lasting = driven.union(a.name for a in problem.activities if least(a.duration) > 0)
     other = {effect.fluent.fluent() for _, effect in problem.base_effects}
     for activity in problem.activities:
         for effects in activity.effects.values():
             other |= {e.fluent.fluent() for e in effects if e.fluent not in held[activity.name]}
     return {
-        name: frozenset(resource for resource in some if resource.fluent() not in other)
+        name: frozenset(r for r in some if r.fluent() not in other and name in lasting)
         for name, some in held.items()
     }
 

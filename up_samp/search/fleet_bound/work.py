@@ -300,12 +300,14 @@ class JobWork:
         return min((self.units((body, place, goal)) for place in self.origins(task)), default=0)
 
     def origins(self, task: MotionTask) -> tuple[str, ...]:
-        """Return where a drive may begin."""
+        """Return where a drive may begin, by the names that drives' ends have here."""
         first = task.terms[0]
         if first.kind is TermKind.CONSTANT:
             return (first.name,)
-        left = self._left_by_others(task.object)
-        return tuple(v for v in self._facts.choice(task, first).values if v not in left)
+        left, alike = self._left_by_others(task.object), self._facts.snapshot.alike
+        # where places are decided, the first name of all stands for a pose
+        named = {alike.get(v, (v,))[0] for v in self._facts.choice(task, first).values}
+        return tuple(sorted(named - left))
 
     def _left_by_others(self, robot: str) -> frozenset[str]:
         """Return the places of a robot that every arrival has a drive of its own away from: no

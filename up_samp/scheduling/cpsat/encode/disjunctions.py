@@ -75,7 +75,7 @@ class _Members:
         for name, leader in presences.items():
             self._of[leader] += [name] if name in optional else []
         together = {name for names in self._of.values() if len(names) > 1 for name in names}
-        self._asked: dict[str, dict[FNode, FNode]] = {}
+        self._asked: dict[str, dict[FNode, object]] = {}
         for name, variable, value in _asked_values(parts):
             self._asked.setdefault(presences.get(name, name), {})[variable] = value
         self._lengths = {a.name: _length(a) for a in parts.activities if a.optional}
@@ -135,7 +135,7 @@ class _Members:
         return {frozenset((a, b)) for a in one for b in other if a != b}
 
 
-def _asked_values(parts: Additions) -> Iterator[tuple[str, FNode, FNode]]:
+def _asked_values(parts: Additions) -> Iterator[tuple[str, FNode, object]]:
     """Yield (activity or bool variable, variable, value) where the one, if it is there, asks for
     that value of the other, which is the problem's own: what is chosen for an activity that is not
     there says nothing.
@@ -149,7 +149,7 @@ def _asked_values(parts: Additions) -> Iterator[tuple[str, FNode, FNode]]:
         if node.is_equals() and len(names) == 1 and names[0] is not None:
             for variable, value in (node.args, node.args[::-1]):
                 if variable in own and value.is_constant():
-                    yield names[0], variable, value
+                    yield names[0], variable, value.constant_value()  # 1, be it whole or real
 
 
 def _constants(parts: Additions, names: set[str]) -> dict[str, set[str]]:

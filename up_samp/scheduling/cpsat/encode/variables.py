@@ -37,7 +37,7 @@ from up_samp.scheduling.cpsat.encode.terms import (
     constant_bounds,
     int_bounds,
 )
-from up_samp.scheduling.cpsat.normal import Additions, Precondition, Presences
+from up_samp.scheduling.cpsat.normal import Additions, Precondition, Presences, called
 
 
 def domains(forms: Iterable[Form], variables: Variables) -> dict[int, frozenset[int]]:
@@ -200,8 +200,10 @@ class Variables:
 
     def _parameter(self, parameter: Any, activity: Activity | None) -> None:
         tpe = parameter.type
+        if parameter.name in self.parameters:
+            raise UnsupportedError(f"two decision variables are called '{parameter.name}'")
         if tpe.is_bool_type() and activity is None:
-            var = self._decision(parameter.name)
+            var = self._decision(called(parameter))
         elif tpe.is_bool_type() or tpe.is_user_type():
             values = self.world.values_of(tpe)
             if not values:

@@ -50,7 +50,7 @@ def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlac
     """Return the unary places: 0/1 fluents that arrivals decrease and departures increase.
 
     Assumes: every arrival takes the one unit at its end, every departure gives it back at its
-    start, and whoever begins there has it.
+    start, whoever begins there has it, and nobody is put there otherwise.
     """
     carriers: dict[int | None, set[Key]] = {}
     for route in routes:
@@ -74,7 +74,8 @@ def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlac
             comes = {(m.name, m.to) for m in route.moves}
             inside = frozenset(to for name, to in comes if to in arrivals.get(name, ()))
             begins = {(m.name, origin) for m in route.moves for origin in m.origins}
-            if not (_are(comes, inside, arrivals) and _are(begins, inside, departures)):
+            told = _are(comes, inside, arrivals) and _are(begins, inside, departures)
+            if not told or route.free & inside:
                 break
             places[route.key] = inside
         else:
@@ -178,8 +179,15 @@ class RoutedTask:
     """Nobody wants it by itself, but something that is wanted cannot be done before it."""
     opens: Key | None = None
     """The door that it opens, if it and only it does, and nothing shuts it."""
+    again: bool = False
+    """Several of its ways may be taken, at times of their own: it is the first of these."""
     opened: list[tuple[int, int]] = field(default_factory=list)
     """(needed task, time from its start): what opens the way to this one, whoever does it."""
+
+    def is_of_one(self, way: int) -> bool:
+        """Return whether one traveller alone takes a way, and they do not meet."""
+        names = [name for _, name, _ in self.ways]
+        return names.count(names[way]) == 1
 
 
 Need = tuple[Key, frozenset[int]]
@@ -252,7 +260,7 @@ def _merged(
     found = []
     for i in kept:
         one, some = tasks[i], [tasks[m] for m in members.get(i, [i])]
-        one.ways = [way for task in some for way in task.ways]
+        one.ways, one.again = [way for task in some for way in task.ways], i in several
         one.release = min(task.release for task in some)
         one.stirs = [s for s in one.stirs if all(s in task.stirs for task in some)]
         one.after, one.apart = of_each(i, one.after), of_each(i, one.apart)
@@ -376,7 +384,8 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork:
     held, changes = find_set_back(model, routes, names, coming)
     for (number, _), told in changes.items():
         tasks[number].changes = [*dict.fromkeys((*tasks[number].changes, *told))]
-    own = find_own_states(model, routes, names)
+    alone = {name: (n, way) for name, (n, way) in names.items() if tasks[n].is_of_one(way)}
+    own = find_own_states(model, routes, alone)
     made_for = {
         move.name: frozenset(some)
         for route in routes

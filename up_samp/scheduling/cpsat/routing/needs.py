@@ -278,7 +278,8 @@ class OwnState:
 def find_own_states(
     model: ScheduleModel, routes: list[Route], names: Mapping[str, Way]
 ) -> list[OwnState]:
-    """Return the states that one traveller alone changes, and who sets and asks for what.
+    """Return the states that one traveller alone changes, and who sets and asks for what; ``names``
+    are those of the stops at which it meets nobody.
 
     Assumes: what a stop sets is seen before its traveller does anything else, and its moves only
     take; who asks for a state excludes that it is set at that time.
@@ -294,7 +295,7 @@ def find_own_states(
 def _own_state(
     model: ScheduleModel, number: int, route: Route, state: StateVar, names: Mapping[str, Way]
 ) -> OwnState | None:
-    mine = {name: names[name] for name, _ in route.stops}
+    mine = {name: names[name] for name, _ in route.stops if name in names}
     taken, gains, settings = dict[str, int](), dict[Way, int](), dict[Way, int]()
     first, last = 1, 0
     for change in model.states.sure_changes(state):

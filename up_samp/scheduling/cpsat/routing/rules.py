@@ -434,7 +434,9 @@ Partners = dict[Way, frozenset[Way]]
 
 
 def _partners(work: RoutedWork, wanted: frozenset[int]) -> Partners:
-    """Return what has to be begun and ended by the same traveller, among ``wanted`` tasks."""
+    """Return what has to be begun and ended by the same traveller, among ``wanted`` tasks that are
+    done once.
+    """
     routes = {way: work.tasks[way[0]].ways[way[1]][0] for way in work.needs}
     ends = {
         way: {o for o, gap in needs.ended.items() if gap > 0 and routes[o] == routes[way]}
@@ -454,9 +456,9 @@ def own_states_after(
     before it: a row for each number (0: at first), a column for each choice; -1: not then. What
     would take more numbers than ``most`` is left out.
 
-    Assumes: whoever changes a traveller's own state is among the choices.
+    Assumes: whoever changes a traveller's own state is among the choices, once.
     """
-    some = frozenset(wanted)
+    some = frozenset(task for task in wanted if not work.tasks[task].again)
     partners = _partners(work, some)
     columns, tables = [], []
     for axis in range(len(work.routes)):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 from ortools.sat.python import cp_model
 
@@ -43,6 +43,10 @@ class TaskShare:
     later: int
     back: int
 
+    def least_of(self, other: TaskShare) -> TaskShare:
+        """Return what is less of this and of another way to do the task."""
+        return TaskShare(*map(min, astuple(self), astuple(other)))
+
     @property
     def base(self) -> int:
         """What it costs if it is not the first one (or, where it has to be that, as the first)."""
@@ -65,7 +69,9 @@ class TaskShare:
 
 
 def shares(work: RoutedWork) -> list[dict[int, TaskShare]]:
-    """Return, for each wanted task, what it costs each traveller that can do it."""
+    """Return, for each wanted task, what it costs each traveller that can do it, in whichever way
+    that is least.
+    """
     wanted = [task for task in work.tasks if task.wanted]
     spots: dict[int, list[tuple[int, int]]] = {}
     for number, task in enumerate(wanted):
@@ -84,7 +90,8 @@ def shares(work: RoutedWork) -> list[dict[int, TaskShare]]:
             later, back = min(costs, default=INFINITE), way_back(route, places, route.final)
             if min(first, later) < INFINITE:
                 first, later = (min(INFINITE, c + task.length) for c in (first, later))
-                mine[axis] = TaskShare(first, later, back)
+                share = TaskShare(first, later, back)
+                mine[axis] = share.least_of(mine.get(axis, share))
         found.append(mine)
     return found
 
