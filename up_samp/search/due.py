@@ -157,12 +157,10 @@ class SoonestEnds:
         """
         drives = {task.activity for task in self._snapshot.by_object[robot]}
         held, before = self._held, self._before
-        return name in drives or all(
-            held[name] & held[drive]
-            or drive in before.get(name, ())
-            or name in before.get(drive, ())
-            for drive in drives
-        )
+        apart = {
+            drive for drive in drives if held[name] & held[drive] or name in before.get(drive, ())
+        }
+        return name in drives or drives <= apart | before.get(name, {}).keys()
 
     def _lasts(self, name: str) -> int:
         """Return how long an activity lasts at least (units)."""

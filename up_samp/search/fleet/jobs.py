@@ -46,16 +46,22 @@ def stated_gaps(problem: SchedulingMotionProblem) -> dict[tuple[str, str], int]:
     Assumes: a comparison is conditional on the two activities alone, or on nothing.
     """
     found: dict[tuple[str, str], int] = {}
-    for owner, constraint, scope in constraints_of(problem):
-        mine = frozenset[str]() if owner is None else frozenset([owner])
-        for part, needed in statements(constraint, scope):
-            told = end_before_start(part)
-            if told is None:
-                continue
-            first, then, units = told
-            if needed | mine <= {first, then} and units >= 0:
-                found[first, then] = max(units, found.get((first, then), 0))
+    for part, needed in _said(problem):
+        told = end_before_start(part)
+        if told is None:
+            continue
+        first, then, units = told
+        if needed <= {first, then} and units >= 0:
+            found[first, then] = max(units, found.get((first, then), 0))
     return found
+
+
+def _said(problem: SchedulingMotionProblem) -> Iterator[tuple[FNode, frozenset[str | None]]]:
+    """Yield what constraints say, part by part, each with what has to be present for it."""
+    for owner, constraint, scope in constraints_of(problem):
+        mine = frozenset[str | None]() if owner is None else frozenset([owner])
+        for part, needed in statements(constraint, scope):
+            yield part, needed | mine
 
 
 def stated_precedences(
@@ -316,7 +322,7 @@ def _dues(problem: SchedulingMotionProblem) -> dict[str, float]:
     """Return the latest ends of activities (units), whatever they are conditional on."""
     found = defaultdict[str, float](lambda: math.inf)
     for name, _, at_end, latest in limits_told(problem, latest=True):
-        found[name] = min(found[name], latest if at_end else math.inf)
+        found[name] = min(found[name], (math.inf, latest)[at_end])
     return found
 
 
@@ -326,23 +332,22 @@ def limits_told(
     """Yield (activity, what has to be present for it, whether it is its end, units at the
     ``latest``, or else at the soonest), as constraints say.
     """
-    for owner, constraint, scope in constraints_of(problem):
-        mine = frozenset[str | None]() if owner is None else frozenset([owner])
-        for part, needed in statements(constraint, scope):
-            told = _limit(part, latest=latest)
-            if told is not None:
-                name, at_end, units = told
-                yield name, needed | mine, at_end, units
+    for part, needed in _said(problem):
+        told = _limit(part, latest=latest)
+        if told is not None:
+            name, at_end, units = told
+            yield name, needed, at_end, units
 
 
 def _limit(node: FNode, *, latest: bool) -> tuple[str, bool, int] | None:
     """Return (activity, whether it is its end, units) if ``node`` says that and nothing else."""
     if node.node_type not in (Op.LE, Op.LT):
         return None
-    point, limit = node.args if latest else node.args[::-1]
+    sign = (-1, 1)[latest]  # the soonest is the latest back in time
+    point, limit = node.args[::sign]
     if point.node_type is not Op.TIMING_EXP or not limit.is_constant():
         return None
-    timing, sign = point.timing(), 1 if latest else -1  # the soonest: the latest back in time
+    timing = point.timing()
     point, last = timing.timepoint, sign * (limit.constant_value() - timing.delay)
     if point.container is None or point.kind not in (TimepointKind.START, TimepointKind.END):
         return None

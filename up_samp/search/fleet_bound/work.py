@@ -34,8 +34,9 @@ Units = Callable[[Leg], int]
 
 
 def units_apart(facts: Facts, service: MotionService, name: str, start: str, goal: str) -> int:
-    """Return units that an object which nothing but its drives moves takes from place to place at
-    least, however many it makes.
+    """Return units that an object takes from place to place at least, however many drives it makes.
+
+    Assumes: nothing but its drives moves it.
     """
     pose, body = facts.snapshot.configurations, facts.bodies_on_tour[name]
     seconds = service.lower_bound(body, (pose[start], pose[goal]))
