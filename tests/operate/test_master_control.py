@@ -88,6 +88,23 @@ def test_a_pause_and_its_end_arrive(day, lost):
     good(day)
 
 
+@pytest.mark.parametrize("again", [False, True])
+def test_who_was_paused_by_somebody_there_stays_paused(day, again):
+    """By a button on it, say, before this process began: nobody here knows why."""
+    agv = day.robots.agvs["r0"]
+    agv.paused = True
+    day.order("o0", "rack0", "dock2")
+    day.until(lambda: agv.orders, 60)
+    if again:
+        day.restart()
+    assert stands(day, 5.0)
+    assert "stopPause" not in agv.told
+    assert ("r0", "somebody else has paused it: it goes on once they let it") in day.robots.faults
+    agv.paused = False
+    day.run()
+    good(day)
+
+
 def test_who_is_paused_goes_on_after_a_restart(day):
     day.order("o0", "rack0", "dock2")
     agv = drives(day)

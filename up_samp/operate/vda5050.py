@@ -20,6 +20,7 @@ import itertools
 import json
 import math
 import queue
+import re
 import ssl
 import time
 from collections.abc import Mapping
@@ -34,6 +35,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 from up_samp.execution.executor import Executor
 from up_samp.execution.graph import PlannedTask
 from up_samp.execution.reports import Command, Go, Hold, Report
+from up_samp.execution.tolerances import TOLERANCES
 from up_samp.export.steps import PathPiece, pieces_of, wrapped
 from up_samp.export.vda5050 import LATER, earlier, edge_of, later, node_of
 from up_samp.fleet.fields import corners_of
@@ -57,6 +59,8 @@ SHAPE = ("trajectory", "orientation", "orientationType", "rotationAllowed", "len
 TYPES = {"charge": "startCharging"}
 """What is called otherwise in the standard than here."""
 VERSIONS = ("2.0.0", "2.1.0", LATER)
+FRACTION = re.compile(r"\.\d+")
+"""Of a second, in a time stamp."""
 LISTS = ("nodeStates", "actionStates", "instantActionStates")
 NUMBERS = (
     "orderUpdateId", "lastNodeSequenceId", "sequenceId", "x", "y", "theta", "deviationRange",
@@ -101,6 +105,8 @@ class Agv:
     """How often the orders of activities ended early, and were begun anew."""
     over: float = -math.inf
     """When it was last told that its order is over."""
+    map_id: str = ""
+    """The map of which it told first: elsewhere its poses say nothing."""
 
     def begin(self, activity: str) -> None:
         """Have another order, that of an activity ("": none); it may have it from before a restart
@@ -118,7 +124,8 @@ class Agv:
     @property
     def position(self) -> Message:
         """Where it told last to be."""
-        newest = self.state if _older(self.seen, self.state) else self.seen
+        by = _sent_after(self.seen, self.state)  # by another clock its state counts
+        newest = self.seen if 0.0 <= by <= TOLERANCES.clock else self.state
         found: Message = newest.get("agvPosition") or self.state.get("agvPosition") or {}
         return found
 
@@ -149,11 +156,20 @@ class Agv:
         """The nodes before it, by its state, to which it may drive."""
         return [n for n in self.state.get("nodeStates") or () if n.get("released")]
 
+    @property
+    def actions(self) -> list[Message]:
+        """What its state says of actions, also of those that it was told at once."""
+        return [*self.state.get("actionStates", ()), *self.state.get("instantActionStates", ())]
+
+    @property
+    def told_to_pause(self) -> bool:
+        """Whether its state knows of a pause that it was told from here, maybe before a restart."""
+        return any(str(a.get("actionId")).startswith("startPause-") for a in self.actions)
+
     def heeded(self, instant: Instant) -> bool:
         """Return whether it has done what it was told at once (or has nothing to do it with)."""
-        known = (*self.state.get("actionStates", ()), *self.state.get("instantActionStates", ()))
-        over = ("FINISHED", "FAILED")
-        return any(a.get("actionId") == instant.id and a.get("actionStatus") in over for a in known)
+        mine = (a.get("actionStatus") for a in self.actions if a.get("actionId") == instant.id)
+        return any(status in ("FINISHED", "FAILED") for status in mine)
 
 
 @dataclass
@@ -349,6 +365,11 @@ class MasterControl:
     def _reported(self, agv: Agv, now: float) -> list[Report]:
         fresh, agv.new = agv.new, False
         pose, error = _pose_in(agv.position), agv.position.get("deviationRange")
+        told = agv.position.get("mapId", agv.map_id)
+        agv.map_id = agv.map_id or told
+        if told != agv.map_id:
+            pose = None
+            self._fault(agv.name, f"it is on map '{told}', and was on '{agv.map_id}'")
         activity = agv.activity if agv.shown else ""
         moves, found = activity in self._motions, []
         if fresh and pose is not None:
@@ -482,7 +503,10 @@ class MasterControl:
     def _pause(self, agv: Agv, want: bool, now: float) -> None:
         """Let a robot pause, or go on; a pause that somebody else began goes on."""
         kind, told = "startPause" if want else "stopPause", agv.state.get("paused")
-        if agv.pause is None and not want and told is False:
+        ours = told is None or (told and agv.told_to_pause)
+        if agv.pause is None and not want and not ours:
+            if told:
+                self._fault(agv.name, "somebody else has paused it: it goes on once they let it")
             return
         if agv.pause is None or agv.pause.kind != kind:
             agv.pause = self._instant(agv.name, kind, now)
@@ -555,9 +579,9 @@ class MasterControl:
             agv.known = True
             agv.update = int(state.get("orderUpdateId", 0))
             left = state.get("nodeStates") or ()
-            released = (n["sequenceId"] for n in agv.released)
+            released = (n.get("sequenceId", 0) for n in agv.released)
             last = max([state.get("lastNodeSequenceId", 0), *released])
-            at = [n.get("nodePosition") for n in left if n["sequenceId"] == last]
+            at = [n.get("nodePosition") for n in left if n.get("sequenceId") == last]
             agv.nodes = [(0, 0.0), (last, self._progress(activity, at, state))]
         elif activity in agv.dropped:
             agv.nodes = [(0, self._progress(activity, [], state))]
@@ -566,7 +590,7 @@ class MasterControl:
         """Return how far along a motion a released node is: where it says, or the robot stands."""
         place = next((p for p in at if p), None) or state.get("agvPosition") or {}
         rows, s = self._motions[activity]["samples"], self._motions[activity]["progress"]
-        if "x" not in place:
+        if not {"x", "y"} <= place.keys():
             return 0.0
         gaps = [math.hypot(r[1] - place["x"], r[2] - place["y"]) for r in rows]
         return float(s[gaps.index(min(gaps))])
@@ -686,7 +710,27 @@ def _as_told(value: Any, key: str) -> Any:
 
 def _older(new: Message, old: Message) -> bool:
     """Return whether a state was sent before one that is known (messages come in any order)."""
-    a, b = new.get("timestamp"), old.get("timestamp")
-    if not isinstance(a, str) or not isinstance(b, str) or a == b:
-        return bool(old) and new.get("headerId") == old.get("headerId") and a == b
-    return a < b
+    by = _sent_after(new, old)
+    if not by:
+        same = new.get("timestamp") == old.get("timestamp")
+        return bool(old) and new.get("headerId") == old.get("headerId") and same
+    return -TOLERANCES.clock <= by < 0.0
+
+
+def _sent_after(new: Message, old: Message) -> float:
+    """Return how long (s) after another message one was sent, by the clock of who sent both (0.0:
+    that is not known). By more than a minute before it says that the clock was set.
+    """
+    try:
+        times = [
+            datetime.fromisoformat(FRACTION.sub(_six, m["timestamp"].replace("Z", "+00:00")))
+            for m in (new, old)
+        ]
+        return (times[0] - times[1]).total_seconds()
+    except (KeyError, AttributeError, TypeError, ValueError):
+        return 0.0
+
+
+def _six(fraction: re.Match[str]) -> str:
+    """Return a fraction of a second with six digits, as Python's older versions read it."""
+    return fraction[0][:7].ljust(7, "0")
