@@ -36,8 +36,9 @@ from up_samp.operate.horizon import DELIVERS, Cut, driven_before, meanings_of
 from up_samp.operate.records import Pose, Settings, Shape
 from up_samp.operate.zones import keep_zones
 
-BUSY = "busy."
-"""Tasks of this prefix stand for what robots still do of the plan before."""
+BUSY = "busy:"
+"""Tasks of this prefix, which no order can have, stand for what robots still do of the plan before.
+"""
 
 
 @dataclass(frozen=True)
