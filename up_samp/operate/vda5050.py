@@ -32,6 +32,7 @@ import numpy as np
 import paho.mqtt.client as mqtt
 from paho.mqtt.enums import CallbackAPIVersion
 
+from up_samp.execution.astray import place_of, pose_in
 from up_samp.execution.executor import Executor
 from up_samp.execution.graph import PlannedTask
 from up_samp.execution.reports import Command, Go, Hold, Report
@@ -41,6 +42,7 @@ from up_samp.export.vda5050 import LATER, earlier, edge_of, later, node_of
 from up_samp.fleet.fields import corners_of
 from up_samp.fleet.records import FleetRecords
 from up_samp.model import ProblemError
+from up_samp.operate.horizon import driven_before
 from up_samp.operate.records import Pose
 from up_samp.operate.stitch import whole_motion
 from up_samp.operate.upkeep import action_of
@@ -378,12 +380,20 @@ class MasterControl:
         elif fresh and moves:
             passed = agv.state.get("lastNodeSequenceId", 0)
             progress = max((s for q, s in agv.nodes if q <= passed), default=0.0)
-            found.append(Report(agv.name, now, activity, progress))
+            # between two nodes nobody knows where it is, nor where it stands there
+            stands = not agv.released and not agv.state.get("driving")
+            if stands or progress > self._known(agv, activity) + NEAR:
+                found.append(Report(agv.name, now, activity, progress))
         over = activity and self._finished(agv, moves, now)
         if over and (fresh or now >= agv.over + AGAIN):
             agv.over = now
             found.append(Report(agv.name, now, activity, done=True))
         return found
+
+    def _known(self, agv: Agv, activity: str) -> float:
+        """Return how far (m) along a motion a robot is by what it told last."""
+        way = self._executor.state.ways[activity, agv.name]
+        return way.told + driven_before(self._motions[activity])
 
     def _finished(self, agv: Agv, moves: bool, now: float) -> bool:
         """Return whether a robot has done its order."""
@@ -582,16 +592,18 @@ class MasterControl:
             released = (n.get("sequenceId", 0) for n in agv.released)
             last = max([state.get("lastNodeSequenceId", 0), *released])
             at = [n.get("nodePosition") for n in left if n.get("sequenceId") == last]
-            agv.nodes = [(0, 0.0), (last, self._progress(activity, at, state))]
+            agv.nodes = [(0, 0.0), (last, self._progress(agv, activity, at))]
         elif activity in agv.dropped:
-            agv.nodes = [(0, self._progress(activity, [], state))]
+            agv.nodes = [(0, self._progress(agv, activity, []))]
 
-    def _progress(self, activity: str, at: list[Any], state: Message) -> float:
+    def _progress(self, agv: Agv, activity: str, at: list[Any]) -> float:
         """Return how far along a motion a released node is: where it says, or the robot stands."""
-        place = next((p for p in at if p), None) or state.get("agvPosition") or {}
+        pose = _pose_in(agv.position)
+        here = {} if pose is None else dict(zip("xy", pose, strict=False))
+        place = next((p for p in at if p), here)
         rows, s = self._motions[activity]["samples"], self._motions[activity]["progress"]
         if not {"x", "y"} <= place.keys():
-            return 0.0
+            return self._known(agv, activity)
         gaps = [math.hypot(r[1] - place["x"], r[2] - place["y"]) for r in rows]
         return float(s[gaps.index(min(gaps))])
 
@@ -605,9 +617,7 @@ class MasterControl:
         if agv.shown:
             agv.known = True
             return  # it has it from before a restart
-        position = agv.position
-        pose = tuple(float(position.get(k, 0.0)) for k in ("x", "y", "theta"))
-        node = self._node(agv, 0, pose, True)
+        node = self._node(agv, 0, _pose_in(agv.position) or self._planned(agv.name), True)
         node["actions"] = [
             {
                 "actionType": self.types.get(kind, TYPES.get(kind, kind)),
@@ -618,6 +628,12 @@ class MasterControl:
             }
         ]
         self._send_new(agv, [node], [], now)
+
+    def _planned(self, robot: str) -> Any:
+        """Return where a robot rests by the plan."""
+        state, life = self._executor.state, self._executor.dependencies.lives[robot]
+        here = place_of(state, life)
+        return pose_in(state, life.pieces[0] if here is None else here)
 
     def _pose(self, motion: Message, at: float) -> Any:
         rows, s = np.asarray(motion["samples"])[:, 1:], np.asarray(motion["progress"])
