@@ -247,7 +247,8 @@ def test_what_a_robot_tells_oddly_is_its_fault_and_ends_nothing(tmp_path, seed):
     rng, client = random.Random(seed), Client()
     master = MasterControl(hall(tmp_path, 2).records, "h", client=client, version="3.0.0")
     ways = {("a", "r0"): SimpleNamespace(told=0.0)}
-    master._executor = SimpleNamespace(state=SimpleNamespace(ways=ways))
+    executor = SimpleNamespace(state=SimpleNamespace(ways=ways), plan={"meanings": {"a": ()}})
+    master._executor = executor
     sheet = {"physicalParameters": {"maximumSpeed": 1.0, "length": 0.8}}
     topics = [("state", STATE), ("visualization", STATE), ("factsheet", sheet)]
     topics.append(("connection", {"connectionState": "ONLINE"}))
