@@ -170,6 +170,19 @@ def test_what_was_seen_of_a_robot_by_another_clock_does_not_hide_where_it_is(con
         assert report.pose[0] == 2.0 + k
 
 
+@pytest.mark.parametrize(
+    ("told", "level"), [(55.0, 0.55), (0, 0.0), (100.4, 1.0), (255, None), (-1, None), (None, None)]
+)
+def test_a_level_that_no_battery_has_is_a_fault(control, told, level):
+    """Some tell 255 where they do not know it: that counted as full, and as more than that."""
+    client, master = control
+    client.say("state", timestamp="2026-01-01T10:00:00Z", powerSupply={"stateOfCharge": told})
+    master.reports(0.0)
+    assert master.levels.get("r0") == level
+    wrong = level is None and told is not None
+    assert master.faults == [("r0", f"its batteryCharge cannot be {told} percent")] * wrong
+
+
 def test_where_a_robot_is_on_another_map_says_nothing_here(control):
     client, master = control
     position = {"x": 1.0, "y": 2.0, "theta": 0.5, "localized": True, "mapId": "ground"}

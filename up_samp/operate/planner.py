@@ -247,7 +247,7 @@ def _still_leaves(ask: Question) -> dict[str, list[Shape]]:
         shut = name in ask.shut
         pose = ask.cut.poses.get(name, door.closed)
         if shut or is_open(door, pose):
-            poses = dict.fromkeys((pose, door.closed) if shut else (pose,))
+            poses = dict.fromkeys((pose, *[door.closed] * shut))
             found[name] = [leaf_at(door, p) for p in poses]
     return found
 

@@ -324,9 +324,11 @@ class MasterControl:
     def _hear(self, agv: Agv, state: Message) -> None:
         """Take in a robot's state."""
         agv.state, agv.new, agv.online = state, True, True
-        level = (state.get("batteryState") or {}).get("batteryCharge")
-        if level is not None:
-            self.levels[agv.name] = float(level) / 100.0
+        level = float((state.get("batteryState") or {}).get("batteryCharge", math.nan))
+        if 0.0 <= level < 101.0:  # percent, rounded
+            self.levels[agv.name] = min(1.0, level / 100.0)
+        elif not math.isnan(level):
+            self._fault(agv.name, f"its batteryCharge cannot be {level:g} percent")
         if agv.shown:
             agv.known = True
             update = state.get("orderUpdateId", 0)
