@@ -137,6 +137,32 @@ def test_who_is_inside_drives_out_also_after_a_restart(days, tmp_path, what):
     day.until(out, 20)
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_where_people_were_is_free_while_they_are_elsewhere(days, seed):
+    """Blocked, opened, and another one blocked: plans kept the first one where the second was."""
+    rng = random.Random(f"people {seed}")
+    day = days(robots=1)
+    ways = [(12.2, 2.2, 13.2, 3.6), (12.2, 10.4, 13.2, 11.8), (6.5, 6.0, 8.0, 7.0)]
+    rng.shuffle(ways)
+    corner = box(20.0, 12.0, 21.0, 13.0)
+    for k, way in enumerate(ways):
+        since, people = day.clock.now(), box(*way)
+        day.operation.block("people", people.exterior.coords[:-1])
+        if rng.random() < 0.5:
+            day.operation.block("wet", corner.exterior.coords[:-1])
+        day.order(f"o{k}", f"rack{rng.randrange(3)}", f"dock{rng.randrange(3)}")
+        day.until(lambda k=k: day.state(f"o{k}") == "done", 120)
+        assert not any(b.intersects(people) for *_, b in bodies(day, since))
+        for name in [*day.operation.areas]:
+            day.operation.unblock(name)
+    day.operation.block("wet", corner.exterior.coords[:-1])
+    day.order("last", "rack0", "dock0")
+    day.run()
+    names = {o["name"] for o in day.operation.executor.plan["objects"]}
+    assert len(names) == 2  # the robot, and what is blocked now
+    assert day.verdict().good, day.story()
+
+
 # ------------------ A door
 
 
@@ -172,6 +198,22 @@ def test_nobody_drives_where_the_leaf_stands_of_a_door_that_went_out_of_order_op
     shut = box(9.9, 3.1, 10.2, 5.9)
     assert not any(b.intersects(shut) for *_, b in bodies(day, closed))
     assert any(b.intersects(leaf) for *_, b in bodies(day, closed))
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+def test_a_door_that_was_mended_and_opened_again_is_driven_through_again(days, tmp_path, restarted):
+    """By plans that come later, too: they kept a closed leaf there."""
+    day = days(fleet=two_rooms(tmp_path, robots=1))
+    day.operation.close_door("gate")
+    day.order("o0", "dock0", "button")
+    day.until(lambda: day.state("o0") == "done", 100)
+    day.operation.close_door("gate", BACK)
+    for k in (1, 2):
+        day.order(f"o{k}", f"rack{k - 1}", "dock0")
+        day.until(lambda k=k: day.state(f"o{k}") == "done", 200)
+        if restarted:
+            day.restart()
+    assert day.verdict().good, day.story()
 
 
 # ------------------ A robot that is not heard any more

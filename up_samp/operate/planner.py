@@ -222,12 +222,13 @@ def problem_records(ask: Question) -> FleetRecords:
     for name in ask.beside:
         _let_rest(ask, places, ask.cut.poses[name])
     zones = still_counted(site, ask.cut.poses, ask.robots)
+    everybody = tuple(site.robot_types)
     for number, corners in enumerate(ask.areas.values()):  # people call areas as they like
-        zones[f"area:{number}"] = Zone(polygon=corners, keep_out=tuple(site.robot_types))
+        zones[f"area:{ask.number}:{number}"] = Zone(polygon=corners, keep_out=everybody)
     doors = dict(site.doors)
     for name, leaves in _still_leaves(ask).items():
         for number, leaf in enumerate(leaves):
-            zones[f"leaf:{name}:{number}"] = Zone(leaf, tuple(site.robot_types))
+            zones[f"leaf:{ask.number}:{name}:{number}"] = Zone(leaf, everybody)
         del doors[name]
     left = replace(site, places=places, robots=robots, zones=zones, doors=doors)
     return with_levels(_with_jobs(left, jobs), {**ask.levels, **full})
