@@ -162,6 +162,57 @@ def test_an_agv_that_does_not_know_where_it_is_tells_no_pose(tmp_path):
         day.operation.close()
 
 
+@pytest.mark.parametrize("kind", ["unsure", "silent"])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_day_of_agvs_of_which_only_nodes_are_known(tmp_path, kind, seed):
+    """Between two of them they drive on, and are not where they passed the last one: as if they
+    stood there they were held, and planned anew from there.
+    """
+    day = Day(tmp_path, robots=2, mishaps=NONE, seed=seed, floor=partial(AgvFloor, late=0.3))
+    try:
+        for agv in day.robots.agvs.values():
+            agv.score, plain = 0.0, agv.state_of_2
+            if kind == "silent":
+                agv.state_of_2 = lambda plain=plain: {**plain(), "agvPosition": None}
+        for k in range(3):
+            day.order(f"o{k}")
+        day.until(lambda: any(begun(day, r) for r in ("r0", "r1")), 60)
+        day.operation.hold()
+        stop = day.clock.now() + 6.0
+        day.until(lambda: day.clock.now() > stop)
+        day.operation.release()
+        day.run()
+        assert {day.state(f"o{k}") for k in range(3)} == {"done"}
+        assert "stands elsewhere" not in day.story(3000)
+        assert day.verdict().good, day.story()
+    finally:
+        day.operation.close()
+
+
+@pytest.mark.parametrize("metres", [9.0, 9.4])
+def test_who_leaves_between_two_nodes_is_nowhere_until_somebody_says(tmp_path, metres):
+    """Others were led to where it stood, metres beyond the node that it had passed."""
+    quiet = partial(AgvFloor, lost=0.0, twice=0.0, late=0.0)
+    day = Day(tmp_path, robots=2, mishaps=NONE, floor=quiet)
+    try:
+        agv = day.robots.agvs["r0"]
+        agv.score = 0.0
+        day.order("o0", "rack1", "dock1", robots=["r0"])
+        start = day.robots.initial["r0"]
+        day.until(lambda: math.dist(agv.pose[:2], start[:2]) > metres, 60)
+        day.operation.leave("r0")
+        for k, (pickup, delivery) in enumerate([("rack1", "dock0"), ("rack0", "dock2")]):
+            day.order(f"p{k}", pickup, delivery, robots=["r1"])
+        stop = day.clock.now() + 60.0
+        day.until(lambda: day.clock.now() > stop)
+        assert day.verdict().contacts == ()
+        day.operation.leave("r0", "it stands there", tuple(agv.pose))
+        day.until(lambda: {day.state("p0"), day.state("p1")} == {"done"}, 200)
+        assert day.verdict().contacts == ()
+    finally:
+        day.operation.close()
+
+
 def test_an_agv_that_misses_its_end_is_planned_from_where_it_stands(tmp_path):
     day = Day(tmp_path, robots=1, mishaps=NONE, floor=partial(AgvFloor, lost=0.0, twice=0.0))
     try:

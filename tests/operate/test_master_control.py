@@ -88,6 +88,23 @@ def test_a_pause_and_its_end_arrive(day, lost):
     good(day)
 
 
+@pytest.mark.parametrize("again", [False, True])
+def test_who_was_paused_by_somebody_there_stays_paused(day, again):
+    """By a button on it, say, before this process began: nobody here knows why."""
+    agv = day.robots.agvs["r0"]
+    agv.paused = True
+    day.order("o0", "rack0", "dock2")
+    day.until(lambda: agv.orders, 60)
+    if again:
+        day.restart()
+    assert stands(day, 5.0)
+    assert "stopPause" not in agv.told
+    assert ("r0", "somebody else has paused it: it goes on once they let it") in day.robots.faults
+    agv.paused = False
+    day.run()
+    good(day)
+
+
 def test_who_is_paused_goes_on_after_a_restart(day):
     day.order("o0", "rack0", "dock2")
     agv = drives(day)
@@ -200,3 +217,34 @@ def test_robots_that_drive_from_node_to_node_are_told_when_they_drive_backwards(
         good(day)
     finally:
         day.operation.close()
+
+
+@pytest.mark.parametrize("over", [True, False])
+def test_what_an_agv_did_yesterday_is_not_what_it_is_to_do_today(tmp_path, over):
+    """What it knows of is called alike: it was taken for done, or its old way for the new one."""
+    folders = [tmp_path / "one", tmp_path / "two"]
+    for folder in folders:
+        folder.mkdir()
+    day = Day(folders[0], robots=1, mishaps=NONE, floor=quiet)
+    work = {"id": "o0", "at": "home0" if over else "rack0", "duration": 4}
+    day.operation.add(work)
+    agv = day.robots.agvs["r0"]
+    day.until(lambda: day.operation.idle if over else agv.pose[0] > 3.0)
+    day.operation.close()
+    floor, before = day.robots, len(agv.handled)
+    if not over:
+        floor.put("r0", floor.initial["r0"])
+        agv.order = agv.orders[0]  # it has stopped, and still knows of it
+    floor.restart()
+    floor._told_at, floor.wire.last, floor.wire.there = 0.0, {}, []  # its clock begins anew
+    again = Day(folders[1], robots=1, mishaps=NONE, floor=lambda *_: floor)
+    try:
+        told = len(agv.orders)
+        again.operation.add(work)
+        again.run()
+        assert len(agv.handled) == before + 1
+        assert agv.orders[told]["orderId"].endswith("#1~1")
+        assert agv.refused == []
+        assert again.verdict().lost == ()
+    finally:
+        again.operation.close()

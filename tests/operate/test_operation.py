@@ -2,6 +2,7 @@
 
 import math
 import os
+import random
 from dataclasses import replace
 
 import pytest
@@ -120,32 +121,65 @@ def test_orders_of_a_file_are_added_changed_and_cancelled_as_it_changes(tmp_path
         file.write_text(text)
         os.utime(file, ns=(before + 10**9, before + 10**9))
 
+    def looked():
+        return orders.look() or orders.look()
+
     try:
         with pytest.raises(FleetError, match=r"orders\.yaml"):
             OrderFile(day.operation, file)
         one = "- {id: a, pickup: shelf0, delivery: dock0}\n"
         write(one + "- {id: b, pickup: rack0, delivery: dock1, release: 500}\n")
         orders = OrderFile(day.operation, file)
-        assert orders.look() == orders.look() == []
+        assert looked() == looked() == []
         assert [*day.operation.jobs] == ["a", "b"]
         write(one + "- {id: b, pickup: rack1, delivery: dock1, release: 500}\n")
-        assert orders.look() == []
+        assert looked() == []
         assert day.operation.jobs["b"].record.pickup.at == ("rack1",)
         assert day.operation.jobs["a"].came == 0.0
         write(one + "- {id: c, pickup: nowhere, delivery: dock1}\n")
-        (refused,) = orders.look()
+        (refused,) = looked()
         assert "nowhere" in refused
         assert day.state("b") == "cancelled"
         day.until(lambda: day.state("a") == "begun")
         day.restart()
         orders = OrderFile(day.operation, file)
-        assert len(orders.look()) == 1  # still c
+        assert len(looked()) == 1  # still c
         write("orders:\n- {id: d, pickup: shelf1, delivery: dock1}\n")
-        assert orders.look() == ["'a' is begun: it cannot be cancelled"]
+        assert looked() == ["'a' is begun: it cannot be cancelled"]
         write("- {id: d")
-        (refused,) = orders.look()
+        (refused,) = looked()
         assert "orders.yaml" in refused
         day.run()
         assert (day.state("a"), day.state("d")) == ("done", "done")
+    finally:
+        day.operation.close()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_file_of_orders_that_is_being_written_cancels_nothing(tmp_path, seed):
+    """It is empty first, then half there: what is cancelled can never be ordered again."""
+    rng, day, file = random.Random(seed), Day(tmp_path, robots=1), tmp_path / "orders.yaml"
+    entries = [f"- {{id: o{k}, pickup: rack{k % 3}, delivery: dock0}}\n" for k in range(6)]
+    rng.shuffle(entries)
+    text = "".join(entries)
+    try:
+        file.write_text(text)
+        orders = OrderFile(day.operation, file)
+        for _ in range(2):
+            assert orders.look() == []
+        file.write_text("")
+        orders.look()
+        file.write_text("".join(entries[: rng.randrange(1, 6)]))
+        orders.look()
+        file.write_text(text + "# changed\n")
+        for _ in range(3):
+            assert orders.look() == []
+        assert {day.state(f"o{k}") for k in range(6)} == {"waiting"}
+        file.write_text(entries[0])
+        for _ in range(3):
+            assert orders.look() == []
+        assert sorted(j.state.value for j in day.operation.jobs.values()) == [
+            *["cancelled"] * 5, "waiting",
+        ]  # fmt: skip
     finally:
         day.operation.close()

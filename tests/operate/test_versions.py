@@ -134,6 +134,65 @@ def test_what_is_seen_of_a_robot_counts_where_it_is_newer_than_its_state(control
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("first", "then", "newer"),
+    [
+        ("10:00:01Z", "10:00:01.5Z", True),  # a clock that leaves fractions out where they are 0
+        ("10:00:01.5Z", "10:00:01.52Z", True),
+        ("10:00:01.123456789Z", "10:00:01.1Z", False),
+        ("10:00:01.000Z", "09:59:58.000Z", False),
+        ("12:00:01+02:00", "10:00:02Z", True),
+        ("10:00:01.000Z", "09:00:01.000Z", True),  # its clock was set, or it began anew
+        ("23:59:59.000Z", "00:00:04.000Z", True),  # a day before: set, too
+        ("10:00:01.000Z", "soon", True),
+    ],
+)
+def test_states_count_in_the_order_of_sending_also_where_a_clock_is_set(
+    control, first, then, newer
+):
+    client, master = control
+    position = {"x": 1.0, "y": 2.0, "theta": 0.5, "localized": True}
+    client.say("state", timestamp=f"2026-01-01T{first}", mobileRobotPosition=position)
+    master.reports(1.0)
+    later = {**position, "x": 1.5}
+    client.say("state", timestamp=f"2026-01-01T{then}", mobileRobotPosition=later)
+    assert [r.pose[0] for r in master.reports(2.0)] == [1.5] * newer
+
+
+def test_what_was_seen_of_a_robot_by_another_clock_does_not_hide_where_it_is(control):
+    client, master = control
+    position = {"x": 1.0, "y": 2.0, "theta": 0.5, "localized": True}
+    client.say("visualization", timestamp="2026-01-01T12:00:00Z", mobileRobotPosition=position)
+    for k in range(3):
+        there = {**position, "x": 2.0 + k}
+        client.say("state", timestamp=f"2026-01-01T10:00:0{k}Z", mobileRobotPosition=there)
+        (report,) = master.reports(float(k))
+        assert report.pose[0] == 2.0 + k
+
+
+@pytest.mark.parametrize(
+    ("told", "level"), [(55.0, 0.55), (0, 0.0), (100.4, 1.0), (255, None), (-1, None), (None, None)]
+)
+def test_a_level_that_no_battery_has_is_a_fault(control, told, level):
+    """Some tell 255 where they do not know it: that counted as full, and as more than that."""
+    client, master = control
+    client.say("state", timestamp="2026-01-01T10:00:00Z", powerSupply={"stateOfCharge": told})
+    master.reports(0.0)
+    assert master.levels.get("r0") == level
+    wrong = level is None and told is not None
+    assert master.faults == [("r0", f"its batteryCharge cannot be {told} percent")] * wrong
+
+
+def test_where_a_robot_is_on_another_map_says_nothing_here(control):
+    client, master = control
+    position = {"x": 1.0, "y": 2.0, "theta": 0.5, "localized": True, "mapId": "ground"}
+    for k, name in enumerate(("ground", "upstairs", "ground")):
+        there = {**position, "mapId": name}
+        client.say("state", timestamp=f"2026-01-01T10:00:0{k}Z", mobileRobotPosition=there)
+        assert len(master.reports(float(k))) == (name == "ground")
+    assert master.faults == [("r0", "it is on map 'upstairs', and was on 'ground'")]
+
+
 def test_a_factsheet_that_promises_less_is_a_fault(control):
     client, master = control
     sheet = {"maximumSpeed": 1.0, "maximumAcceleration": 0.7, "length": 0.8, "width": 0.75}
@@ -200,6 +259,9 @@ def oddly(rng, message):
 def test_what_a_robot_tells_oddly_is_its_fault_and_ends_nothing(tmp_path, seed):
     rng, client = random.Random(seed), Client()
     master = MasterControl(hall(tmp_path, 2).records, "h", client=client, version="3.0.0")
+    ways = {("a", "r0"): SimpleNamespace(told=0.0)}
+    executor = SimpleNamespace(state=SimpleNamespace(ways=ways), plan={"meanings": {"a": ()}})
+    master._executor = executor
     sheet = {"physicalParameters": {"maximumSpeed": 1.0, "length": 0.8}}
     topics = [("state", STATE), ("visualization", STATE), ("factsheet", sheet)]
     topics.append(("connection", {"connectionState": "ONLINE"}))
@@ -214,6 +276,7 @@ def test_what_a_robot_tells_oddly_is_its_fault_and_ends_nothing(tmp_path, seed):
         errors = [r.error for r in master.reports(float(k)) if r.error is not None]
         assert not any(map(math.isnan, errors))
         master.tell({"r0": rng.choice((Go("a", 1.0), Go("a", 0.5), Hold(("x",))))}, float(k))
+        master._begin(Agv("r0", True, agv.state), "a")  # as after a restart of this process
     assert any(words.startswith("its state cannot be read") for _, words in master.faults)
     client.on_message(
         None, None, SimpleNamespace(topic="uagv/v3/up_samp/r1/state", payload=json.dumps(STATE))

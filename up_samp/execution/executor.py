@@ -515,7 +515,8 @@ class Executor(Followed):
 
     def done(self, activity: str, now: float | None = None, robot: str | None = None) -> Reply:
         """Note that a task that drives nothing is over, or that a motion's robots (of several that
-        drive together just ``robot``, if said) are at its end.
+        drive together just ``robot``, if said) are at its end. What ``robot`` says that has no part
+        in it does not count.
 
         A motion is over only if what its robots told last says so, too.
         """
@@ -529,9 +530,11 @@ class Executor(Followed):
             return Reply(Heard.IGNORED, f"'{activity}' is over already")
         if state.phase[activity] is TaskPhase.WAITING:
             return Reply(Heard.AGAIN, f"'{activity}' cannot be over: it has not begun")
-        end = state.end_number[activity]
-        if state.graph.tasks[activity].moves:
+        end, task = state.end_number[activity], state.graph.tasks[activity]
+        if task.moves:
             return self._at_end(activity, robot)
+        if robot is not None and task.who and robot not in task.who:
+            return Reply(Heard.IGNORED, f"'{robot}' does nothing in '{activity}'")
         if not state.may_happen(end):
             return self._not_yet(activity)
         self._end(activity)

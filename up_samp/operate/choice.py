@@ -123,6 +123,14 @@ class Day:
         """Return the robots that do nothing of what the plan says, and stand at their poses."""
         return frozenset((*self.away, *self.placed))
 
+    def adrift(self) -> list[str]:
+        """Return the robots that do nothing any more, and of which nobody knows yet where they will
+        stand: they may drive on to where they were let. By the plan that is driven others wait.
+        """
+        state = self.executor.state
+        some = (w for r, w in state.of_object.items() if r in self.away.keys() - self.placed.keys())
+        return [w.object for w in some if not state.stands(w)]
+
     def there(self) -> list[str]:
         """Return the robots that do their work."""
         return [r for r in self.site.robots if r not in self.away]
@@ -196,7 +204,7 @@ class Day:
             cramped=self.cramped,
         )
         found = cutter.cut(self.settings.lead)
-        closed = {n: self.site.doors[n].closed for n in self.shut}
+        closed = {n: self.site.doors[n].closed for n, s in self.shut.items() if s == BACK}
         return replace(found, since=now - self.origin, poses={**found.poses, **closed})
 
     def on_board(self) -> dict[str, str]:

@@ -20,6 +20,8 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+import shapely
+from shapely.geometry import Polygon
 
 from up_samp.execution.executor import Executor
 from up_samp.execution.graph import At, Event
@@ -438,9 +440,12 @@ def pose_of(values: Iterable[float]) -> Pose:
     return x, y, theta
 
 
-def first_inside(executor: Executor, touches: Callable[[Pose, str], bool]) -> dict[str, float]:
-    """Return how far (m) the motions that are not over may go until their robot would touch
-    something; motions of robots that touch it already, or cannot stop before, go on.
+def first_inside(
+    executor: Executor, shapes: Collection[Polygon], body: Callable[[str, Pose], Polygon]
+) -> dict[str, float]:
+    """Return how far (m) the motions that are not over may go until their robot would touch one of
+    some shapes. A robot that touches one already, or cannot stop before, drives on out of it: it
+    comes into no other one, nor back. ``body``: where a robot is at a pose.
     """
     found: dict[str, float] = {}
     for (name, robot), drive in executor.drives.items():
@@ -450,10 +455,12 @@ def first_inside(executor: Executor, touches: Callable[[Pose, str], bool]) -> di
         way = executor.state.ways[name, robot]
         here = 0.0 if phase is TaskPhase.WAITING else executor.state.braking(way)
         at = np.arange(here, way.length + 0.1, 0.1).clip(max=way.length)
-        poses = drive.path.poses_at(at)
-        if touches(pose_of(poses[0]), robot):
-            continue
-        hit = next((i for i, p in enumerate(poses) if touches(pose_of(p), robot)), None)
-        if hit is not None:
-            found[name] = max(here, float(at[hit]) - 0.2)
+        bodies = [body(robot, pose_of(pose)) for pose in drive.path.poses_at(at)]
+        for shape in shapes:
+            touches = np.asarray(shapely.intersects(shape, bodies), dtype=bool)
+            out = int(np.argmin(touches))  # the first look at which it is outside
+            if not touches[out] and touches[out:].any():
+                hit = out + int(np.argmax(touches[out:]))
+                most = float(max(at[out], at[hit] - 0.2))
+                found[name] = min(most, found.get(name, most))
     return found

@@ -12,6 +12,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ from up_samp.execution.executor import Executor
 from up_samp.execution.reorder import cost
 from up_samp.execution.reports import Command, Go, Heard, Hold, Reply, Report, words_of
 from up_samp.execution.state import TaskPhase
+from up_samp.execution.tolerances import TOLERANCES
+from up_samp.execution.travel import pose_at
 from up_samp.fleet.fleet import Fleet
 from up_samp.fleet.records import Order, Task
 from up_samp.fleet.spelled_out import with_places
@@ -274,6 +277,9 @@ class Operation(Day):
             if pose is not None:  # what it tells of its motion says nothing now
                 self._put(name, pose)
             self.store.note(now, "robot", name, "left", why)
+            if name in self.adrift():
+                until = "nothing more is planned until it tells to stand, or somebody says where"
+                self.store.note(now, "robot", name, "may drive on", until)
             self._keep_fleet()
         self._other_floor(f"robot '{name}' is {why}")
 
@@ -285,9 +291,12 @@ class Operation(Day):
         self._check_stand(name, pose)
         now = self.clock.now()
         with self.store:
-            here = self.poses[name] = pose or self.pose(name)
+            here, told = pose or self.pose(name), self._told_pose(name)
+            if pose is None and math.dist(told, here) <= 2 * self.error(name):
+                here = told
+            self.poses[name] = here
             self.away.pop(name, None)
-            if math.dist(self._told_pose(name), here) > self.error(name):
+            if math.dist(told, here) > self.error(name):
                 self._put(name, here)
             self.store.note(now, "robot", name, "joined")
             self._keep_fleet()
@@ -345,6 +354,7 @@ class Operation(Day):
             self.store.keep("shut", shut)
             self.store.note(self.clock.now(), kind, name, what)
             self._withdraw()
+            self._keep_snapshot()  # who was where then says who drives on, and what had begun
         self._limit()
         self._other_floor(f"{kind} '{name}' is {what}")
 
@@ -373,14 +383,8 @@ class Operation(Day):
         clear = self.site.margin + 2 * max(map(self.error, self.site.robots), default=0.0)
         leaves = [Polygon(leaf_at(d, d.closed)).buffer(clear) for d in doors.values()]
         shapes = [*map(Polygon, self.areas.values()), *leaves]
-        if not shapes:
-            return
-
-        def touches(pose: Pose, robot: str) -> bool:
-            here = body_at(self.site, robot, pose)
-            return any(here.intersects(shape) for shape in shapes)
-
-        self.limits = first_inside(self.executor, touches)
+        if shapes:
+            self.limits = first_inside(self.executor, shapes, partial(body_at, self.site))
 
     def _other_floor(self, why: str) -> None:
         """Ask for the rest to be planned anew, also what no plan was found for: there may be one
@@ -515,10 +519,14 @@ class Operation(Day):
 
     def _see(self, report: Report, reply: Reply) -> None:
         """Note where a robot is that does nothing: it still brakes, say."""
-        name, here = report.robot, report.pose
-        if reply.heard is Heard.TAKEN:
-            here = self._told_pose(name)
-        if here is not None and math.dist(here, self.poses[name]) > 2 * self.error(name):
+        name, here, least = report.robot, report.pose, 2 * self.error(report.robot)
+        way = self.executor.state.of_object.get(name)
+        if reply.heard is Heard.TAKEN and way is not None:
+            # on its motion it never goes back, so that the last centimetres count, too
+            path, least = self.executor.drives[way.activity, name].path, TOLERANCES.place
+            here = pose_of(pose_at(path, way.progress))
+        here = self._told_pose(name) if here is None else here
+        if math.dist(here, self.poses[name]) > least:
             self.poses[name] = here
             self._keep_fleet()
 
@@ -612,7 +620,8 @@ class Operation(Day):
                 if why not in (EVERY, OVERDUE):
                     self.want(why if why.startswith("again") else f"again: {why}")
         self._look(now)
-        if self.wanted and now >= self._not_before and not self.planner.busy:
+        due = self.wanted and now >= self._not_before and not self.planner.busy
+        if due and not self.adrift():
             self._ask(now)
 
     def _look(self, now: float) -> None:

@@ -29,18 +29,23 @@ class OrderFile:
         self.day, self.file = day, file
         self._mine = set(day.store.day(KEY) or ())
         self._seen: tuple[int, int] | None = None
+        self._taken: tuple[int, int] | None = None
         text_of(file)
 
     def look(self) -> list[str]:
-        """Take over what has changed since the last look; return what is refused, in words."""
+        """Take over what has changed, once it is the same at two looks: a file that is written anew
+        is empty first, or half there, and all else would be cancelled for good. Return what is
+        refused, in words.
+        """
         try:
             status = self.file.stat()
         except OSError:
             return []  # it is being written again
         seen = status.st_mtime_ns, status.st_size
-        if seen == self._seen:
+        before, self._seen = self._seen, seen
+        if seen == self._taken or seen != before:
             return []
-        self._seen = seen
+        self._taken = seen
         try:
             records = [*_listed(self.file)]
         except FleetError as error:

@@ -41,7 +41,14 @@ from up_samp.model import ProblemError, SampError, UnsupportedError
 from up_samp.model.deadline import computing_time
 from up_samp.operate.records import Pose, Shape
 from up_samp.operate.stitch import BUSY, Question, stitched
-from up_samp.operate.upkeep import battery_of, charger_of, is_charge, state_charges, with_levels
+from up_samp.operate.upkeep import (
+    battery_of,
+    charger_of,
+    charges,
+    is_charge,
+    state_charges,
+    with_levels,
+)
 from up_samp.operate.zones import still_counted
 from up_samp.system.child import ProcessGroup, command, environment
 
@@ -108,6 +115,8 @@ JOBS_NOT_YET: tuple[tuple[Callable[[Any], object], str], ...] = (
     (lambda job: job.together if isinstance(job, Order) else job.crew > 1,
      "'{}' is done by a crew: not operated yet"),
     (_by_machine, "'{}' is done by a machine: not operated yet"),
+    (lambda job: is_charge(job.id) and not charges(job),
+     "'{}' is called as what robots charge by: call it otherwise"),
 )  # fmt: skip
 
 
@@ -213,11 +222,13 @@ def problem_records(ask: Question) -> FleetRecords:
     for name in ask.beside:
         _let_rest(ask, places, ask.cut.poses[name])
     zones = still_counted(site, ask.cut.poses, ask.robots)
+    everybody = tuple(site.robot_types)
     for number, corners in enumerate(ask.areas.values()):  # people call areas as they like
-        zones[f"area.{number}"] = Zone(polygon=corners, keep_out=tuple(site.robot_types))
+        zones[f"area:{ask.number}:{number}"] = Zone(polygon=corners, keep_out=everybody)
     doors = dict(site.doors)
-    for name, leaf in _still_leaves(ask).items():
-        zones[f"leaf.{name}"] = Zone(leaf, tuple(site.robot_types))
+    for name, leaves in _still_leaves(ask).items():
+        for number, leaf in enumerate(leaves):
+            zones[f"leaf:{ask.number}:{name}:{number}"] = Zone(leaf, everybody)
         del doors[name]
     left = replace(site, places=places, robots=robots, zones=zones, doors=doors)
     return with_levels(_with_jobs(left, jobs), {**ask.levels, **full})
@@ -228,14 +239,17 @@ def _time_left(ask: Question, robot: str) -> float:
     return ask.site.robots[robot].hours[1] - max(ask.settings.lead, ask.cut.free.get(robot, 0.0))
 
 
-def _still_leaves(ask: Question) -> dict[str, Shape]:
-    """Return the leaves that nobody moves: they are in the way where they stand."""
+def _still_leaves(ask: Question) -> dict[str, list[Shape]]:
+    """Return the leaves that nobody moves: they are in the way where they stand, and those out of
+    order where they stand closed, too.
+    """
     found = {}
     for name, door in ask.site.doors.items():
         shut = name in ask.shut
-        pose = door.closed if shut else ask.cut.poses.get(name, door.closed)
+        pose = ask.cut.poses.get(name, door.closed)
         if shut or is_open(door, pose):
-            found[name] = leaf_at(door, pose)
+            poses = dict.fromkeys((pose, *[door.closed] * shut))
+            found[name] = [leaf_at(door, p) for p in poses]
     return found
 
 
@@ -254,7 +268,7 @@ def place_at(places: dict[str, Place], pose: Pose, who: str) -> str:
     for name, place in places.items():
         if is_same_place(pose, place.pose):
             return name
-    name = f"now.{who}"
+    name = f"now:{who}"  # what people give a name has no colon in it
     places[name] = Place(pose=pose, park=0)  # nobody comes back to where it happens to stand
     return name
 
@@ -393,7 +407,7 @@ class Planner:
             pickle.dump(question, group.sink)
             group.sink.flush()
             self._answer = pickle.load(group.source)
-        except (OSError, EOFError, pickle.PickleError) as error:
+        except Exception as error:  # half an answer may be read as anything; nobody else sees it
             self._leave()
             seconds = time.monotonic() - begun
             self._answer = Answer(

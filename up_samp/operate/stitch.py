@@ -36,8 +36,9 @@ from up_samp.operate.horizon import DELIVERS, Cut, driven_before, meanings_of
 from up_samp.operate.records import Pose, Settings, Shape
 from up_samp.operate.zones import keep_zones
 
-BUSY = "busy."
-"""Tasks of this prefix stand for what robots still do of the plan before."""
+BUSY = "busy:"
+"""Tasks of this prefix, which no order can have, stand for what robots still do of the plan before.
+"""
 
 
 @dataclass(frozen=True)
@@ -178,7 +179,7 @@ def stitched(ask: Question, new: PlanDict, meanings: Mapping[str, Meaning]) -> P
         for a in new["activities"]
         if not meanings[a["name"]].what.startswith(BUSY)
     }
-    plan = _behind(kept, new, names)
+    plan = _behind(kept, new, names, ask.site)
     known = {**kept.meanings, **{n: meanings[old] for old, n in names.items()}}
     plan["meanings"] = {n: [m.kind.value, m.what, m.robot] for n, m in known.items()}
     tasks = (t for t in said["tasks"] if t["activity"] in names)
@@ -200,7 +201,7 @@ def stitched(ask: Question, new: PlanDict, meanings: Mapping[str, Meaning]) -> P
     return with_minor(plan) | {"on_board": dict(ask.on_board)}
 
 
-def _behind(kept: Kept, new: PlanDict, names: Mapping[str, str]) -> PlanDict:
+def _behind(kept: Kept, new: PlanDict, names: Mapping[str, str], site: FleetRecords) -> PlanDict:
     """Return one plan, without meanings and dependencies, of what is kept and of a new one behind
     it; ``names``: what the new one's activities are called in it, those that are part of it.
     """
@@ -209,10 +210,11 @@ def _behind(kept: Kept, new: PlanDict, names: Mapping[str, str]) -> PlanDict:
     own = ("dependencies", "minor", "status", "lower_bound", "bound_kind")
     plan = {k: v for k, v in new.items() if k not in own}
     plan |= {"status": "SOLVED_SATISFICING", "lower_bound": None}
-    there = {o["name"] for o in new["objects"]}
+    # areas, and leaves that nobody moves, are there as long as the new problem has them
+    left = {*site.robots, *site.doors} - {o["name"] for o in new["objects"]}
     plan["objects"] = [
         {**o, "initial": list(kept.initial.get(o["name"], o["initial"]))}
-        for o in (*new["objects"], *(o for o in kept.objects if o["name"] not in there))
+        for o in (*new["objects"], *(o for o in kept.objects if o["name"] in left))
     ]
     plan["activities"] = [
         *kept.activities,

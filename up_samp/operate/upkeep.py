@@ -14,7 +14,7 @@ from dataclasses import replace
 from up_samp.execution.lives import DriveCells
 from up_samp.fleet.batteries import first_level, level_fluent, usable
 from up_samp.fleet.meanings import Meaning, Written
-from up_samp.fleet.records import Battery, Charger, FleetRecords, Robot, Task
+from up_samp.fleet.records import Battery, Charger, FleetRecords, Order, Robot, Task
 from up_samp.model import ProblemError
 from up_samp.operate.choice import Day
 
@@ -27,6 +27,12 @@ OFF = "off its shift"
 def is_charge(job: str) -> bool:
     """Return whether an order, by its id, is that a robot charges."""
     return job.startswith(CHARGE)
+
+
+def charges(job: Order | Task) -> bool:
+    """Return whether an order is one of :func:`charge_task`, and not only called so."""
+    who = job.id.removeprefix(CHARGE).rpartition(".")[0]
+    return isinstance(job, Task) and is_charge(job.id) and job.robots == (who,)
 
 
 def action_of(kind: str, what: str) -> str:

@@ -20,6 +20,7 @@ import itertools
 import json
 import math
 import queue
+import re
 import ssl
 import time
 from collections.abc import Mapping
@@ -31,14 +32,17 @@ import numpy as np
 import paho.mqtt.client as mqtt
 from paho.mqtt.enums import CallbackAPIVersion
 
+from up_samp.execution.astray import place_of, pose_in
 from up_samp.execution.executor import Executor
 from up_samp.execution.graph import PlannedTask
 from up_samp.execution.reports import Command, Go, Hold, Report
+from up_samp.execution.tolerances import TOLERANCES
 from up_samp.export.steps import PathPiece, pieces_of, wrapped
 from up_samp.export.vda5050 import LATER, earlier, edge_of, later, node_of
 from up_samp.fleet.fields import corners_of
 from up_samp.fleet.records import FleetRecords
 from up_samp.model import ProblemError
+from up_samp.operate.horizon import driven_before
 from up_samp.operate.records import Pose
 from up_samp.operate.stitch import whole_motion
 from up_samp.operate.upkeep import action_of
@@ -57,6 +61,8 @@ SHAPE = ("trajectory", "orientation", "orientationType", "rotationAllowed", "len
 TYPES = {"charge": "startCharging"}
 """What is called otherwise in the standard than here."""
 VERSIONS = ("2.0.0", "2.1.0", LATER)
+FRACTION = re.compile(r"\.\d+")
+"""Of a second, in a time stamp."""
 LISTS = ("nodeStates", "actionStates", "instantActionStates")
 NUMBERS = (
     "orderUpdateId", "lastNodeSequenceId", "sequenceId", "x", "y", "theta", "deviationRange",
@@ -101,15 +107,17 @@ class Agv:
     """How often the orders of activities ended early, and were begun anew."""
     over: float = -math.inf
     """When it was last told that its order is over."""
+    map_id: str = ""
+    """The map of which it told first: elsewhere its poses say nothing."""
 
-    def begin(self, activity: str) -> None:
+    def begin(self, activity: str, ours: bool = True) -> None:
         """Have another order, that of an activity ("": none); it may have it from before a restart
-        of this process.
+        of this process, or one called so (not ``ours``) from another day: that is begun anew.
         """
         self.activity = activity
-        name, _, number = str(self.state.get("orderId", "")).rpartition(BEGUN_ANEW)
-        if activity and name == activity and number.isdigit():
-            self.dropped.setdefault(activity, int(number))
+        name, _, number = str(self.state.get("orderId", "")).partition(BEGUN_ANEW)
+        if activity and name == activity and f"0{number}".isdecimal():
+            self.dropped.setdefault(activity, int(f"0{number}") + (not ours))
         again = self.dropped.get(activity, 0)
         self.order = f"{activity}{BEGUN_ANEW}{again}" if again else activity
         self.nodes, self.update, self.over = [], -1, -math.inf
@@ -118,7 +126,8 @@ class Agv:
     @property
     def position(self) -> Message:
         """Where it told last to be."""
-        newest = self.state if _older(self.seen, self.state) else self.seen
+        by = _sent_after(self.seen, self.state)  # by another clock its state counts
+        newest = self.seen if 0.0 <= by <= TOLERANCES.clock else self.state
         found: Message = newest.get("agvPosition") or self.state.get("agvPosition") or {}
         return found
 
@@ -149,11 +158,20 @@ class Agv:
         """The nodes before it, by its state, to which it may drive."""
         return [n for n in self.state.get("nodeStates") or () if n.get("released")]
 
+    @property
+    def actions(self) -> list[Message]:
+        """What its state says of actions, also of those that it was told at once."""
+        return [*self.state.get("actionStates", ()), *self.state.get("instantActionStates", ())]
+
+    @property
+    def told_to_pause(self) -> bool:
+        """Whether its state knows of a pause that it was told from here, maybe before a restart."""
+        return any(str(a.get("actionId")).startswith("startPause-") for a in self.actions)
+
     def heeded(self, instant: Instant) -> bool:
         """Return whether it has done what it was told at once (or has nothing to do it with)."""
-        known = (*self.state.get("actionStates", ()), *self.state.get("instantActionStates", ()))
-        over = ("FINISHED", "FAILED")
-        return any(a.get("actionId") == instant.id and a.get("actionStatus") in over for a in known)
+        mine = (a.get("actionStatus") for a in self.actions if a.get("actionId") == instant.id)
+        return any(status in ("FINISHED", "FAILED") for status in mine)
 
 
 @dataclass
@@ -206,6 +224,8 @@ class MasterControl:
         self._headers: dict[tuple[str, str], itertools.count[int]] = {}
         self._executor: Executor
         self._motions: dict[str, Message] = {}
+        self._own: frozenset[str] = frozenset()
+        """What robots may have been told of this day before this process began ("": nothing)."""
         self._charging: dict[str, float] = {}
         """Activities in which robots charge, and since when (s)."""
         name = f"up_samp-{site.name}-{time.time_ns()}"
@@ -304,9 +324,11 @@ class MasterControl:
     def _hear(self, agv: Agv, state: Message) -> None:
         """Take in a robot's state."""
         agv.state, agv.new, agv.online = state, True, True
-        level = (state.get("batteryState") or {}).get("batteryCharge")
-        if level is not None:
-            self.levels[agv.name] = float(level) / 100.0
+        level = float((state.get("batteryState") or {}).get("batteryCharge", math.nan))
+        if 0.0 <= level < 101.0:  # percent, rounded
+            self.levels[agv.name] = min(1.0, level / 100.0)
+        elif not math.isnan(level):
+            self._fault(agv.name, f"its batteryCharge cannot be {level:g} percent")
         if agv.shown:
             agv.known = True
             update = state.get("orderUpdateId", 0)
@@ -349,6 +371,11 @@ class MasterControl:
     def _reported(self, agv: Agv, now: float) -> list[Report]:
         fresh, agv.new = agv.new, False
         pose, error = _pose_in(agv.position), agv.position.get("deviationRange")
+        told = agv.position.get("mapId", agv.map_id)
+        agv.map_id = agv.map_id or told
+        if told != agv.map_id:
+            pose = None
+            self._fault(agv.name, f"it is on map '{told}', and was on '{agv.map_id}'")
         activity = agv.activity if agv.shown else ""
         moves, found = activity in self._motions, []
         if fresh and pose is not None:
@@ -357,12 +384,20 @@ class MasterControl:
         elif fresh and moves:
             passed = agv.state.get("lastNodeSequenceId", 0)
             progress = max((s for q, s in agv.nodes if q <= passed), default=0.0)
-            found.append(Report(agv.name, now, activity, progress))
+            # between two nodes nobody knows where it is, nor where it stands there
+            stands = not agv.released and not agv.state.get("driving")
+            if stands or progress > self._known(agv, activity) + NEAR:
+                found.append(Report(agv.name, now, activity, progress))
         over = activity and self._finished(agv, moves, now)
         if over and (fresh or now >= agv.over + AGAIN):
             agv.over = now
             found.append(Report(agv.name, now, activity, done=True))
         return found
+
+    def _known(self, agv: Agv, activity: str) -> float:
+        """Return how far (m) along a motion a robot is by what it told last."""
+        way = self._executor.state.ways[activity, agv.name]
+        return way.told + driven_before(self._motions[activity])
 
     def _finished(self, agv: Agv, moves: bool, now: float) -> bool:
         """Return whether a robot has done its order."""
@@ -401,6 +436,7 @@ class MasterControl:
 
     def tell(self, commands: Mapping[str, Command], now: float) -> None:
         """Send what is new, and again what is not known to have arrived."""
+        self._own = self._own or frozenset(self._executor.plan["meanings"]) | {""}
         for who, command in commands.items():
             agv = self.agvs.get(who)
             if agv is None or not agv.online or not agv.state:
@@ -429,7 +465,7 @@ class MasterControl:
         on its way, is cancelled.
         """
         state = agv.state
-        if not agv.order and state.get("orderId") == activity:
+        if not agv.order and state.get("orderId") == activity and activity in self._own:
             return True  # it goes on with it after a restart
         awaited = bool(agv.order) and not agv.known
         if not agv.left and not awaited:
@@ -482,7 +518,10 @@ class MasterControl:
     def _pause(self, agv: Agv, want: bool, now: float) -> None:
         """Let a robot pause, or go on; a pause that somebody else began goes on."""
         kind, told = "startPause" if want else "stopPause", agv.state.get("paused")
-        if agv.pause is None and not want and told is False:
+        ours = told is None or (told and agv.told_to_pause)
+        if agv.pause is None and not want and not ours:
+            if told:
+                self._fault(agv.name, "somebody else has paused it: it goes on once they let it")
             return
         if agv.pause is None or agv.pause.kind != kind:
             agv.pause = self._instant(agv.name, kind, now)
@@ -549,30 +588,32 @@ class MasterControl:
         """Begin an order, or go on with the one that the robot has already (after a restart), or
         with what is left of one that it gave up.
         """
-        agv.begin(activity)
+        agv.begin(activity, activity in self._own)
         state = agv.state
         if agv.shown:
             agv.known = True
             agv.update = int(state.get("orderUpdateId", 0))
             left = state.get("nodeStates") or ()
-            released = (n["sequenceId"] for n in agv.released)
+            released = (n.get("sequenceId", 0) for n in agv.released)
             last = max([state.get("lastNodeSequenceId", 0), *released])
-            at = [n.get("nodePosition") for n in left if n["sequenceId"] == last]
-            agv.nodes = [(0, 0.0), (last, self._progress(activity, at, state))]
+            at = [n.get("nodePosition") for n in left if n.get("sequenceId") == last]
+            agv.nodes = [(0, 0.0), (last, self._progress(agv, activity, at))]
         elif activity in agv.dropped:
-            agv.nodes = [(0, self._progress(activity, [], state))]
+            agv.nodes = [(0, self._progress(agv, activity, []))]
 
-    def _progress(self, activity: str, at: list[Any], state: Message) -> float:
+    def _progress(self, agv: Agv, activity: str, at: list[Any]) -> float:
         """Return how far along a motion a released node is: where it says, or the robot stands."""
-        place = next((p for p in at if p), None) or state.get("agvPosition") or {}
+        pose = _pose_in(agv.position)
+        here = {} if pose is None else dict(zip("xy", pose, strict=False))
+        place = next((p for p in at if p), here)
         rows, s = self._motions[activity]["samples"], self._motions[activity]["progress"]
-        if "x" not in place:
-            return 0.0
+        if not {"x", "y"} <= place.keys():
+            return self._known(agv, activity)
         gaps = [math.hypot(r[1] - place["x"], r[2] - place["y"]) for r in rows]
         return float(s[gaps.index(min(gaps))])
 
     def _do(self, agv: Agv, activity: str, now: float) -> None:
-        agv.begin(activity)
+        agv.begin(activity, activity in self._own)
         agv.update = 0
         kind, what, _ = self._executor.plan["meanings"][activity]
         kind = action_of(kind, what)
@@ -581,9 +622,7 @@ class MasterControl:
         if agv.shown:
             agv.known = True
             return  # it has it from before a restart
-        position = agv.position
-        pose = tuple(float(position.get(k, 0.0)) for k in ("x", "y", "theta"))
-        node = self._node(agv, 0, pose, True)
+        node = self._node(agv, 0, _pose_in(agv.position) or self._planned(agv.name), True)
         node["actions"] = [
             {
                 "actionType": self.types.get(kind, TYPES.get(kind, kind)),
@@ -594,6 +633,12 @@ class MasterControl:
             }
         ]
         self._send_new(agv, [node], [], now)
+
+    def _planned(self, robot: str) -> Any:
+        """Return where a robot rests by the plan."""
+        state, life = self._executor.state, self._executor.dependencies.lives[robot]
+        here = place_of(state, life)
+        return pose_in(state, life.pieces[0] if here is None else here)
 
     def _pose(self, motion: Message, at: float) -> Any:
         rows, s = np.asarray(motion["samples"])[:, 1:], np.asarray(motion["progress"])
@@ -686,7 +731,27 @@ def _as_told(value: Any, key: str) -> Any:
 
 def _older(new: Message, old: Message) -> bool:
     """Return whether a state was sent before one that is known (messages come in any order)."""
-    a, b = new.get("timestamp"), old.get("timestamp")
-    if not isinstance(a, str) or not isinstance(b, str) or a == b:
-        return bool(old) and new.get("headerId") == old.get("headerId") and a == b
-    return a < b
+    by = _sent_after(new, old)
+    if not by:
+        same = new.get("timestamp") == old.get("timestamp")
+        return bool(old) and new.get("headerId") == old.get("headerId") and same
+    return -TOLERANCES.clock <= by < 0.0
+
+
+def _sent_after(new: Message, old: Message) -> float:
+    """Return how long (s) after another message one was sent, by the clock of who sent both (0.0:
+    that is not known). By more than a minute before it says that the clock was set.
+    """
+    try:
+        times = [
+            datetime.fromisoformat(FRACTION.sub(_six, m["timestamp"].replace("Z", "+00:00")))
+            for m in (new, old)
+        ]
+        return (times[0] - times[1]).total_seconds()
+    except (KeyError, AttributeError, TypeError, ValueError):
+        return 0.0
+
+
+def _six(fraction: re.Match[str]) -> str:
+    """Return a fraction of a second with six digits, as Python's older versions read it."""
+    return fraction[0][:7].ljust(7, "0")
