@@ -139,9 +139,8 @@ class SoonestEnds:
 
     def _comes(self, name: str, place: Term) -> int:
         """Return when an object may have come to a place at the soonest (0: it is not known)."""
-        known = place.kind is TermKind.CONSTANT
         start = self._snapshot.initial[name]
-        return self._units(name, start, place.name if known else start)
+        return self._units(name, start, {TermKind.CONSTANT: place.name}.get(place.kind, start))
 
     def _apart(self, first: str, then: str) -> int:
         """Return how long after the start of one activity another one begins at least, as somebody

@@ -459,10 +459,11 @@ def _stops(
     for number, some in presences.items():
         # what may be done without any route is not sure, though one of the alternatives is
         tasks[number].wanted = model.surely(some)
-    for start, since in releases_told(model).items():
-        if start in numbers:  # in whichever of its ways it is done
-            sure = min(since.get(presence, 0) for presence in presences[numbers[start]])
-            tasks[numbers[start]].release = max(0, since.get(TRUE, 0), sure)
+    releases = releases_told(model)
+    for start in releases.keys() & numbers.keys():  # in whichever of its ways it is done
+        since, some = releases[start], presences[numbers[start]]
+        sure = min(since.get(presence, 0) for presence in some)
+        tasks[numbers[start]].release = max(0, since.get(TRUE, 0), sure)
     return tasks, numbers, owners
 
 

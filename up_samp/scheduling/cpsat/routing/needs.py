@@ -194,8 +194,7 @@ def gaps_told(model: ScheduleModel) -> dict[frozenset[int], Gaps]:
             lasts = activity.least + start.const - end.const
             gaps = found.setdefault(frozenset({activity.present} - {TRUE}), {})
             gaps.setdefault(start.terms[0][0], {})[end.terms[0][0]] = lasts
-    for form in model.stated:
-        asked, stated = conditional(form) or (frozenset(), TRUE)
+    for asked, stated in filter(None, map(conditional, model.stated)):
         told = difference_told(stated)
         if told is not None:
             first, last, gap = told
@@ -209,8 +208,7 @@ def releases_told(model: ScheduleModel) -> dict[int, dict[Literal, int]]:
     on which that hangs alone.
     """
     found: dict[int, dict[Literal, int]] = {}
-    for form in model.stated:
-        asked, stated = conditional(form) or (frozenset(), TRUE)
+    for asked, stated in filter(None, map(conditional, model.stated)):
         told = least_told(stated)
         if told is not None and len(asked) <= 1:
             since, literal = found.setdefault(told[0], {}), min(asked, default=TRUE)
