@@ -116,6 +116,33 @@ def test_who_comes_back_into_the_area_that_it_leaves_waits_outside(days):
     assert not list(bodies(day))[-1][2].intersects(shape)
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_who_stands_before_an_area_stays_out_where_another_one_is_blocked_after_a_restart(
+    days, seed
+):
+    """It was taken to be let drive as far as nobody had let it, and to come in anyhow."""
+    rng = random.Random(f"before {seed}")
+    day = days(robots=1)
+    day.order("o0", "rack1", "dock1")
+    way, path = under_way(day, "r0", rng.uniform(1.5, 3.0))
+    ahead = day.operation.executor.state.braking(way) + rng.uniform(1.2, 2.0)
+    x, y, _ = path.poses_at(np.array([ahead]))[0]
+    people, since = around(x, y, 0.4), day.clock.now()
+    day.operation.block("people", people.exterior.coords[:-1])
+    limit = day.operation.limits[way.activity]
+    day.until(lambda: way.told > limit - 0.1, 15)
+    for _ in range(rng.randrange(3)):
+        day.step()
+    day.restart()
+    if rng.random() < 0.5:
+        day.restart()
+    day.operation.block("more", box(20, 12, 21, 13).exterior.coords[:-1])
+    assert day.operation.limits[way.activity] == pytest.approx(limit, abs=0.2)
+    day.run()
+    assert not any(b.intersects(people) for *_, b in bodies(day, since))
+    assert day.verdict().good, day.story()
+
+
 @pytest.mark.parametrize("what", ["area", "door"])
 def test_who_is_inside_drives_out_also_after_a_restart(days, tmp_path, what):
     """What was kept of the floor is of a time when it could have stopped before."""
@@ -213,6 +240,70 @@ def test_a_door_that_was_mended_and_opened_again_is_driven_through_again(days, t
         day.until(lambda k=k: day.state(f"o{k}") == "done", 200)
         if restarted:
             day.restart()
+    assert day.verdict().good, day.story()
+
+
+@pytest.mark.parametrize("ending", ["joins", "mended"])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_door_may_open_though_who_opens_it_does_nothing_any_more(days, tmp_path, seed, ending):
+    """Others were planned as if it stood closed: through where its leaf swings to."""
+    rng = random.Random(f"opener {seed}")
+    fleet = two_rooms(tmp_path, seconds=rng.randint(10, 20))
+    fleet.add_place("low", 8.0, 4.5)
+    fleet.add_place("left", 3.0, 5.5)
+    fleet.add_place("other", 8.0, 2.0)
+    x = rng.uniform(5.5, 6.0)
+    gate = fleet.records.doors["gate"]
+    gate = replace(gate, open=(x, 5.5, 0.0), opened_from=("button", "other"))
+    fleet._hold(replace(fleet.records, doors={"gate": gate}))
+    quiet = partial(AgvFloor, lost=0.0, twice=0.0, late=0.0)
+    day = days(fleet=fleet, mishaps=NONE, floor=quiet)
+    day.order("o0", "rack0", "dock0", robots=["r0"])
+    agv = day.robots.agvs["r0"]
+    day.until(lambda: any(a["actionType"] == "open" for _, a in agv.work), 200)
+    for _ in range(rng.randrange(5, 20)):
+        day.step()
+    since, end = day.clock.now(), agv.work[0][0]
+    if ending == "mended":
+        agv.work[0] = (math.inf, agv.work[0][1])  # it never tells that it has done so
+    day.operation.leave("r0", "broken")
+    if rng.random() < 0.5:
+        day.restart()
+    for k in range(2):
+        day.order(f"l{k}", "left", "low", robots=["r1"])
+        day.until(lambda k=k: day.state(f"l{k}") == "done", 200)
+    leaf = box(x - 0.15, 4.1, x + 0.15, 6.9)
+    assert not any(b.intersects(leaf) for *_, b in bodies(day, since))
+    if ending == "joins":
+        day.until(lambda: day.clock.now() > end)
+        day.operation.join("r0")
+        day.run()
+        assert day.verdict().good, day.story()
+        return
+    day.operation.close_door("gate", BACK)
+    day.order("o1", "rack1", "dock0", robots=["r1"])
+    day.until(lambda: day.state("o1") == "done", 300)
+    opened = [h for h in day.robots.handled if h.kind == "open"]
+    assert [h.robot for h in opened] == ["r1"]
+    assert day.verdict().contacts == ()
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+def test_who_does_nothing_opens_no_door(days, tmp_path, restarted):
+    """It stands where doors are opened from: others waited for it for ever."""
+    fleet = two_rooms(tmp_path, robots=1)
+    fleet.add_place("other", 8.0, 6.4)
+    gate = replace(fleet.records.doors["gate"], opened_from=("button", "other"))
+    fleet._hold(replace(fleet.records, doors={"gate": gate}))
+    fleet.add_robot("r1", "agv", start="button", end="button")
+    day = days(fleet=fleet)
+    day.operation.leave("r1", "broken")
+    if restarted:
+        day.restart()
+    day.order("o0", "rack0", "dock0")
+    day.run()
+    (opened,) = [h for h in day.robots.handled if h.kind == "open"]
+    assert opened.robot == "r0"
     assert day.verdict().good, day.story()
 
 

@@ -131,6 +131,19 @@ class Day:
         some = (w for r, w in state.of_object.items() if r in self.away.keys() - self.placed.keys())
         return [w.object for w in some if not state.stands(w)]
 
+    def left_opening(self) -> dict[str, str]:
+        """Return the doors that robots were opening which do nothing any more, by activity: they
+        may open nevertheless, and nobody knows how they stand (but of those said to be closed).
+        """
+        return {
+            name: meaning.what
+            for name, meaning in self.meanings.items()
+            if meaning.kind is Kind.OPEN
+            and meaning.robot in self.away
+            and self.executor.phase(name) is TaskPhase.RUNNING
+            and self.shut.get(meaning.what) != BACK
+        }
+
     def there(self) -> list[str]:
         """Return the robots that do their work."""
         return [r for r in self.site.robots if r not in self.away]
@@ -202,6 +215,7 @@ class Day:
             limits=self._limits(),
             opened=opened or {},
             cramped=self.cramped,
+            opening=self.left_opening(),
         )
         found = cutter.cut(self.settings.lead)
         closed = {n: self.site.doors[n].closed for n, s in self.shut.items() if s == BACK}

@@ -137,6 +137,7 @@ class Cutter:
     go, where that is less than their whole length. ``opened``: the robots whose work is planned
     anew; what others do stays. ``cramped``: those of them that drive on until
     they stand in nobody's way; who comes to where another one stands waits until that has gone.
+    ``opening``: what ``broken`` ones do that goes on without them, a door that opens: it stays.
     """
 
     def __init__(
@@ -147,8 +148,10 @@ class Cutter:
         limits: Mapping[str, float] = MappingProxyType({}),
         opened: Mapping[str, Opened] = MappingProxyType({}),
         cramped: Collection[str] = (),
+        opening: Collection[str] = (),
     ) -> None:
         self.executor, self.state, self.cramped = executor, executor.state, cramped
+        self.opening = opening
         self.broken, self.limits, self.opened = broken, limits, opened
         self.meanings = meanings_of(executor.plan)
         self.turns: dict[str, list[str]] = {}
@@ -216,7 +219,7 @@ class Cutter:
         kept = self._whole({n for n in (*running, *soon) if self._alive(n)}, ended)
         stay = kept | ended.keys()
         tails = {n: s for n in kept if (s := self._tail(n, stay, ahead, forecast)) is not None}
-        kept -= tails.keys()
+        kept = (kept - tails.keys()).union(self.opening)
         # who has not moved does not move
         self.stops = stops = {n: s for n, s in (ended | tails).items() if s > 0.0}
         order = {n: i for turn in self.turns.values() for i, n in enumerate(turn)}

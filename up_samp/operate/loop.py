@@ -148,6 +148,8 @@ class Operation(Day):
                 self._hear(report)
                 executor.commands(report.time - self.origin)
             executor.commands(self.clock.now() - self.origin)  # what was told last may have begun
+            for way in executor.state.ways.values():  # and nobody was let drive beyond its limit
+                way.let = min(way.let, self.limits.get(way.activity, way.let))
             self._happened()
             self._keep_snapshot()
 
@@ -666,7 +668,9 @@ class Operation(Day):
             held=tuple((r, since_now(j.record, now, j.came)) for r, j in carried),
             on_board=self.on_board(),
             areas=self.areas,
-            shut=frozenset(n for n, state in self.shut.items() if state == OUT),
+            shut=frozenset(n for n, state in self.shut.items() if state == OUT).union(
+                self.left_opening().values()
+            ),
             levels=upkeep.start_levels(
                 self.site, self.robots.levels, self.executor.drives, self.meanings, cut.kept
             ),

@@ -55,6 +55,8 @@ from up_samp.system.child import ProcessGroup, command, environment
 if TYPE_CHECKING:
     from up_samp.motion.protocol import MotionCache
 
+ABLE = (":able",)
+"""What robots have to be to open a door: those that do nothing now would be planned to, too."""
 RESTS = 2
 """Places at which who is in the way may rest."""
 WRITING, EACH_KEPT = 0.1, 0.03
@@ -193,7 +195,11 @@ def problem_records(ask: Question) -> FleetRecords:
             continue
         spot = place_at(places, ask.cut.poses[name], name)
         there = name in ask.robots
-        robots[name] = replace(robot, start=spot, end=robot.end if there else None, shift=None)
+        skills = (
+            robot.skills if name in ask.cut.away.difference(ask.robots) else robot.skills + ABLE
+        )
+        end = robot.end if there else None
+        robots[name] = replace(robot, start=spot, end=end, shift=None, skills=skills)
     loaded = {name for name, _ in ask.held}
     idle = [r for r in ask.robots if r not in loaded]
     jobs: list[Order | Task] = [_brought(o, name) for name, o in ask.held if name in ask.robots]
@@ -221,17 +227,23 @@ def problem_records(ask: Question) -> FleetRecords:
             jobs.append(_busy(name, robots[name].start, units * site.seconds_per_unit))
     for name in ask.beside:
         _let_rest(ask, places, ask.cut.poses[name])
-    zones = still_counted(site, ask.cut.poses, ask.robots)
-    everybody = tuple(site.robot_types)
+    zones, doors = _floor(ask)
+    left = replace(site, places=places, robots=robots, zones=zones, doors=doors)
+    return with_levels(_with_jobs(left, jobs), {**ask.levels, **full})
+
+
+def _floor(ask: Question) -> tuple[dict[str, Zone], dict[str, Door]]:
+    """Return the zones, with what nobody may enter, and the doors that are still to be opened."""
+    zones = still_counted(ask.site, ask.cut.poses, ask.robots)
+    everybody = tuple(ask.site.robot_types)
     for number, corners in enumerate(ask.areas.values()):  # people call areas as they like
         zones[f"area:{ask.number}:{number}"] = Zone(polygon=corners, keep_out=everybody)
-    doors = dict(site.doors)
+    doors = {n: replace(door, skills=door.skills + ABLE) for n, door in ask.site.doors.items()}
     for name, leaves in _still_leaves(ask).items():
         for number, leaf in enumerate(leaves):
             zones[f"leaf:{ask.number}:{name}:{number}"] = Zone(leaf, everybody)
         del doors[name]
-    left = replace(site, places=places, robots=robots, zones=zones, doors=doors)
-    return with_levels(_with_jobs(left, jobs), {**ask.levels, **full})
+    return zones, doors
 
 
 def _time_left(ask: Question, robot: str) -> float:
