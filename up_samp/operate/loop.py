@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import time
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -120,6 +121,7 @@ class Operation(Day):
 
     def _load(self, first: Iterable[Order | Task]) -> None:
         self.jobs = self.store.jobs()
+        self.robots.day = self.store.day("begun", time.time_ns() // 1000)
         for key in ("away", "placed", "held", "unsure", "areas", "poses", "shut"):
             setattr(self, key, {**getattr(self, key), **(self.store.day(key) or {})})
         kept = self.store.snapshot()

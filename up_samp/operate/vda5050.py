@@ -218,6 +218,7 @@ class MasterControl:
         self.agvs = {name: Agv(name) for name in site.robots}
         self.levels: dict[str, float] = {}
         self.faults: list[tuple[str, str]] = []
+        self.day = 0
         """(robot, in words) what does not fit the site file, or what was told."""
         self._inbox: queue.SimpleQueue[tuple[str, str, bytes]] = queue.SimpleQueue()
         self._answers: queue.SimpleQueue[str] = queue.SimpleQueue()
