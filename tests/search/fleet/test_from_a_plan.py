@@ -76,7 +76,7 @@ def test_a_better_plan_is_sought_from_there(seed):
     problem = warehouse(3, 5, encoding="compact", seed=seed)
     problem = shuffled(problem, seed, rename=False).problem
     plan, makespan = solved(problem, **FIRST, seed=seed)
-    tuning = {**LARGE["tuning"], "exchanges": 100}
+    tuning = {**LARGE["tuning"], "exchanges": 30}
     more = {"tuning": tuning, "optimal": True, "reproducible": True, "runtime": 1.0}
     found = [solved(problem, plan, **more, seed=7) for _ in range(2)]
     assert found[0][1] == found[1][1] <= makespan
