@@ -24,7 +24,7 @@ def each(engines, often):
     return pytest.mark.parametrize("engine", usually(*often, of=engines))
 
 
-EACH_INSTALLED = each(INSTALLED, ("cpsat", "aries-opt"))
+EACH_INSTALLED = each(INSTALLED, ("cpsat",))
 EACH_PROVING = each(PROVING, ("cpsat", "aries-opt"))
 MOSTLY_OURS = each(PROVING, ("cpsat",))
 
