@@ -14,6 +14,7 @@ from unified_planning.shortcuts import GE, OneshotPlanner
 from tests.execution import floors
 from tests.export.plans import door_plan
 from tests.fuzz.problems import SECONDS, build, random_case
+from tests.usual import usually
 from up_samp import Fleet
 from up_samp.cli import main
 from up_samp.execution import with_dependencies
@@ -30,7 +31,11 @@ SEEDS = (101, 104, 113, 120)
 """Small problems with two robots or more whose plans have dependencies."""
 
 
-@pytest.fixture(scope="module", params=[*SEEDS, "together"])
+PLANS = [*SEEDS, "together"]
+FEWER = pytest.mark.parametrize("plan", usually(*SEEDS, of=PLANS), indirect=True)
+
+
+@pytest.fixture(scope="module", params=PLANS)
 def plan(request, tmp_path_factory):
     if request.param == "together":
         return together(tmp_path_factory.mktemp("floor"))
@@ -234,7 +239,7 @@ def follow(steps, random):
     return when
 
 
-@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("seed", usually(0, of=(0, 2)))
 def test_who_waits_for_an_end_waits_for_what_that_waits_for(tmp_path, seed):
     """Robots tell that they have done something whatever its end waits for."""
     problem, plan = floors.rounds(seed, floors.hall(tmp_path))
@@ -300,6 +305,7 @@ def test_releases_come_in_an_order_that_works(plan, tmp_path):
         released[entry["serialNumber"], message["orderId"]] = base
 
 
+@FEWER
 def test_legs_for_nav2_tell_paths_and_what_to_wait_for(plan, tmp_path):
     steps = steps_of(plan)
     files = [f for f in export_plan(plan, "nav2", tmp_path) if f.suffix == ".yaml"]
@@ -324,6 +330,7 @@ def test_legs_for_nav2_tell_paths_and_what_to_wait_for(plan, tmp_path):
             assert times[-1] == pytest.approx(row[0], abs=1e-6)
 
 
+@FEWER
 def test_paths_for_nav2_are_messages_of_their_type(plan, tmp_path):
     """Each path, as read from the file, is taken as a ``nav_msgs/Path`` and comes back whole."""
     ros = pytest.importorskip("mcap_ros2._dynamic")

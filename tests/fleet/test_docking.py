@@ -12,6 +12,7 @@ from unified_planning.shortcuts import OneshotPlanner, get_environment
 
 import up_samp  # noqa: F401
 from tests.fleet.floors import map_with
+from tests.usual import usually
 from up_samp.execution import Executor, dependencies_of
 from up_samp.execution.floor import Delays
 from up_samp.execution.simulate import Floor
@@ -24,7 +25,7 @@ from up_samp.upio.read import read_problem
 from up_samp.upio.read_maps import read_movable
 from up_samp.validation import validate_plan
 
-MODELS = ("car", "diff", pytest.param("omni", marks=pytest.mark.long))
+MODELS = usually("diff", of=("car", "diff", "omni"))
 
 
 def site(folder, rng, model="diff", **docking):

@@ -1,9 +1,12 @@
 """Fleets behind doors that close by themselves: somebody has to open them again and again."""
 
+import itertools
+
 import pytest
 from shapely.geometry import box
 
 from tests.shuffled import shuffled_fleet
+from tests.usual import usually
 from up_samp.fleet import Fleet
 from up_samp.fleet.files import write_problem_file
 from up_samp.fleet.importers import map_from_polygons
@@ -52,15 +55,10 @@ SITES = {
 
 
 SITES["two rooms, more jobs"] = ((9.0,), [*SITES["two rooms"][1], ("l0", "r1")], {})
-LONG = pytest.mark.long
-LISTINGS = [
-    pytest.param(name, seed, marks=LONG if "more" in name or seed == 0 else ())
-    for name in SITES
-    for seed in (0, 1)
-]
+USUAL = [("two rooms", 1), ("both ways", 1)]
 
 
-@pytest.mark.parametrize(("name", "seed"), LISTINGS)
+@pytest.mark.parametrize(("name", "seed"), usually(*USUAL, of=itertools.product(SITES, (0, 1))))
 def test_somebody_opens_a_door_that_closes_for_whoever_comes(tmp_path, monkeypatch, name, seed):
     """However a site is listed: by tours, without a search of the whole for a first schedule."""
     walls, jobs, options = SITES[name]

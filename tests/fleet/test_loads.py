@@ -6,6 +6,7 @@ import pytest
 from matplotlib.text import Text
 from shapely.geometry import Polygon
 
+from tests.usual import usually
 from up_samp.cli.solving import schedule_table
 from up_samp.fleet import Fleet, FleetError
 from up_samp.fleet.checks import Level
@@ -92,7 +93,7 @@ def test_a_robot_drives_round_pallets_but_under_its_own():
     assert last["r0"].area > 0
 
 
-@pytest.mark.parametrize("ahead", [0.7, pytest.param(0.9, marks=pytest.mark.long), 1.0])
+@pytest.mark.parametrize("ahead", usually(0.7, of=(0.7, 0.9, 1.0)))
 def test_a_truck_carries_before_itself(ahead):
     """Its forks are under the pallet, touch it, or are 10 cm away: then it drives round to it."""
     fleet = floor(footprint=FORKS)

@@ -5,6 +5,7 @@ import itertools
 import pytest
 
 from tests.fleet.test_rules import one_room, solved
+from tests.usual import usually
 from up_samp.fleet import Fleet, FleetError
 from up_samp.validation import validate_plan
 
@@ -82,10 +83,7 @@ def levels(times, holds):
     return [holds + n for n in itertools.accumulate(c for _, c in sorted(changes))]
 
 
-@pytest.mark.parametrize(
-    ("room", "holds"),
-    [(1, 0), (2, 2), *(pytest.param(*some, marks=pytest.mark.long) for some in ((1, 1), (2, 0)))],
-)
+@pytest.mark.parametrize(("room", "holds"), usually((2, 2), of=[(1, 0), (1, 1), (2, 0), (2, 2)]))
 def test_a_place_holds_no_more_than_it_has_room_for(room, holds):
     times = planned(stored(room, holds))
     found = levels(times, holds)

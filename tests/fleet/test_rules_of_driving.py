@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.fleet.driving import hurried
+from tests.usual import usually
 from up_samp.execution import Delays, dependencies_of, simulate
 from up_samp.execution.lives import lives_of
 from up_samp.fleet import Fleet, FleetError, read_problem_file
@@ -232,7 +233,7 @@ def test_what_is_wrong_with_a_lane_is_said(tmp_path, points, options, what):
         fleet.add_lane("main", points, **options)
 
 
-@pytest.mark.parametrize("model", ["car", "diff"])
+@pytest.mark.parametrize("model", usually("car", of=("car", "diff")))
 def test_robots_drive_ahead_where_nothing_is_said(tmp_path, model):
     shares, told = {}, {}
     for options in ({}, {"reverse_cost": 1}, {"reverse_cost": 1.5}):
@@ -299,7 +300,7 @@ def directions(fleet, result):
     return seen
 
 
-@pytest.mark.parametrize("robot", ["truck", "cart"])
+@pytest.mark.parametrize("robot", usually("truck", of=("truck", "cart")))
 def test_a_robot_keeps_to_lanes(tmp_path, robot):
     def alone():
         fleet = Fleet(write_map(tmp_path, "hall", np.zeros((90, 160), dtype=bool), 0.1))

@@ -8,6 +8,7 @@ import shapely
 from shapely import affinity
 
 from tests.motion.oracle import shape_at
+from tests.usual import usually
 from up_samp.geometry import OccupancyGrid, Scene, shape_of
 from up_samp.geometry import kernels as k
 from up_samp.geometry.kernels import arc_free, path_free, samples_free
@@ -89,7 +90,7 @@ def test_poses_against_the_map(name, origin):
     assert 20 < free_count < 380
 
 
-@pytest.mark.parametrize("name", ["car", "L", "rear axle, clockwise"])
+@pytest.mark.parametrize("name", usually("car", of=("car", "L", "rear axle, clockwise")))
 def test_edges_against_the_map(name):
     """What is called free is free all the way; what is refused comes close to something."""
     rng = np.random.default_rng(7)
@@ -137,7 +138,7 @@ def test_distances_between_bodies():
         )
 
 
-@pytest.mark.parametrize("name", ["car", "U"])
+@pytest.mark.parametrize("name", usually("U", of=("car", "U")))
 def test_resting_objects(name):
     rng = np.random.default_rng(11)
     scene = Scene(None, 0.05)

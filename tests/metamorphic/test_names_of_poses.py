@@ -1,5 +1,6 @@
 """A pose may have several names: by whichever of them motions say it, the answers agree."""
 
+import itertools
 import math
 import random
 
@@ -12,6 +13,7 @@ from tests.metamorphic.motions import ALIKE, OTHERS, write
 from tests.metamorphic.sites import FAMILIES
 from tests.shuffled import shuffled
 from tests.upio.hall import Hall
+from tests.usual import usually
 from up_samp.upio import read_problem
 from up_samp.upio.read import _alike
 from up_samp.validation import validate_plan
@@ -82,7 +84,7 @@ def wrong(made, seeds, timeout, **params):
     return in_one_meaning(answers), answers
 
 
-CASES = [101, 104, *(pytest.param(k, marks=pytest.mark.long) for k in range(200, 240))]
+CASES = usually(104, of=(101, 104, *range(200, 240)))
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -95,18 +97,10 @@ def test_random_problems_say_the_same_by_other_names(case, tmp_path):
 
 
 STYLES = [*ALIKE, *OTHERS]
-SITES = [
-    ("doors", 1),
-    ("doors", 8),
-    *(
-        pytest.param(family, k, marks=pytest.mark.long)
-        for family in FAMILIES
-        for k in range(len(STYLES))
-    ),
-]
+SITES = list(itertools.product(FAMILIES, range(len(STYLES))))
 
 
-@pytest.mark.parametrize(("family", "number"), SITES)
+@pytest.mark.parametrize(("family", "number"), usually(("doors", 8), of=SITES))
 def test_sites_say_the_same_by_other_names(family, number, tmp_path):
     """Also where parameters and fluents name poses."""
     found, _ = wrong(lambda: write(FAMILIES[family](1), STYLES[number], tmp_path), (3,), 20.0)

@@ -10,6 +10,7 @@ import pytest
 from tests.metamorphic.motions import ALIKE, OTHERS, MotionStyle
 from tests.metamorphic.sites import FAMILIES, doors, haulage, kits, shop, store
 from tests.metamorphic.structures import service_of, structures
+from tests.usual import usually
 from up_samp.model import MotionModel
 from up_samp.motion.compile import precompile
 
@@ -55,12 +56,12 @@ def differing(styles, look):
     return [list(some.values()) for some in found.values() if len(some) > 1]
 
 
-@pytest.mark.parametrize("family", SMALL)
+@pytest.mark.parametrize("family", usually("haulage", "doors", of=SMALL))
 def test_the_same_is_recognised_in_styles_that_mean_the_same(family, look):
     assert differing(FEW + BUSY, partial(look, family)) == []
 
 
-@pytest.mark.parametrize("family", SMALL)
+@pytest.mark.parametrize("family", usually("haulage", "doors", of=SMALL))
 def test_moves_whose_ends_are_both_parameters_are_recognised(family, look):
     """But that each of them keeps still the doors which it does not go through."""
     plain, free = (look(family, style) for style in (MotionStyle(), MotionStyle(moves="go")))

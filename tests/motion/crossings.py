@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.motion.fleet.independent import broken_by, judge
+from tests.usual import usually
 from up_samp.geometry import OccupancyGrid
 from up_samp.model import (
     Deadline,
@@ -25,7 +26,10 @@ WEDGE = ((-0.3, -0.35), (0.9, 0.0), (-0.3, 0.35))
 CAR = Kinematics(MotionModel.REEDSSHEPP, 0.8, 1.5, 0.7)
 WHEELS = Kinematics(MotionModel.PIVOT, v_max=1.5, a_max=0.7, omega_max=0.8)
 ANY = Kinematics(MotionModel.SE2, v_max=1.5, a_max=0.7, omega_max=0.8)
-KINDS = pytest.mark.parametrize("kinematics", [CAR, WHEELS, ANY], ids=["car", "diff", "omni"])
+NAMED = {"argnames": "kinematics", "ids": ["car", "diff", "omni"]}
+KINDS = pytest.mark.parametrize(argvalues=[CAR, WHEELS, ANY], **NAMED)
+CARS = pytest.mark.parametrize(argvalues=usually(CAR, of=[CAR, WHEELS, ANY]), **NAMED)
+"""The others only where the slow tests are run."""
 
 
 def hall(length=16.0, width=9.0):

@@ -15,6 +15,7 @@ from unified_planning.shortcuts import MovableType
 from tests.motion.crossings import (
     ANY,
     CAR,
+    CARS,
     KINDS,
     RING,
     WEDGE,
@@ -376,7 +377,7 @@ def test_a_lane_that_is_none_is_refused():
 LOWER = block(5, 0, 6, 4.5, one_way=math.pi)
 
 
-@KINDS
+@CARS
 def test_nobody_drives_against_the_direction_of_a_lane(kinematics):
     body, service = Body(RING, replace(kinematics, zones=(LOWER,))), MotionService(hall())
     east, west = (13.0, 3.0), (3.0, 3.0)

@@ -35,7 +35,7 @@ def crossing(folder):
 
 def solve(problem, **params):
     if params.get("preset") == "paper":
-        params["query_seconds"] = 2.0  # it waits that long for a way through a closed door
+        params["query_seconds"] = 0.5  # it waits that long for a way through a closed door
     with OneshotPlanner(name="samp-refine[cpsat]", params=params) as planner:
         return planner.solve(problem, timeout=120)
 

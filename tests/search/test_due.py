@@ -39,6 +39,7 @@ from tests.metamorphic.sites import FAMILIES
 from tests.search.limits import WRITINGS, by_scope, limits, releases
 from tests.search.test_assumptions import Site
 from tests.shuffled import shuffled
+from tests.usual import usually
 from up_samp.benchmarks.instances import instance
 from up_samp.model import Deadline, TrafficZone
 from up_samp.model.frames import Frame
@@ -100,12 +101,12 @@ def tell_when(problem, seed):
     return later
 
 
-@pytest.mark.parametrize("name", INSTANCES)
+@pytest.mark.parametrize("name", usually(*INSTANCES[:5:2], of=INSTANCES))
 def test_what_an_instance_has_a_plan_for_is_not_due_too_soon(name):
     assert max(tell_when(shuffled(instance(name).build(), name).problem, name)) > 0
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", usually("shop", "doors", of=FAMILIES))
 def test_what_a_site_has_a_plan_for_is_not_due_too_soon(family, tmp_path):
     style = random.Random(family).choice(STYLES)
     tell_when(write(FAMILIES[family](0), style, tmp_path), 0)
@@ -260,8 +261,10 @@ def test_who_drives_off_is_told_to_be_where_it_was_until_it_has_come_elsewhere(
     assert soonest == (result.plan is None)
 
 
-@pytest.mark.parametrize("writing", WRITINGS)
-@pytest.mark.parametrize("sort", range(3))
+@pytest.mark.parametrize(
+    ("writing", "sort"),
+    usually(*zip(WRITINGS, (1, 2, 0), strict=True), of=itertools.product(WRITINGS, range(3))),
+)
 def test_it_is_told_who_would_come_from_where(writing, sort):
     problem = shuffled(instance("warehouse-compact-r3-o5").build(), sort, rename=False).problem
     motions = motions_of(problem)

@@ -9,6 +9,7 @@ from unified_planning.model.metrics import MinimizeMakespan
 from tests.search.test_end_to_end import solve
 from tests.search.test_parameters import INSTALLED
 from tests.search.test_tidy import idle_fleet
+from tests.usual import usually
 from up_samp.benchmarks.instances import instance
 from up_samp.model import Deadline, ScheduleReport, ScheduleStatus, UnsupportedError
 from up_samp.model.refinement import Strength
@@ -103,15 +104,11 @@ def test_engines_are_not_told_of_places_and_plans_heed_them(tmp_path):
     assert not part.quality_metrics
 
 
-SMALL = [
-    pytest.param("jobshop-r2-j1-m4", marks=pytest.mark.long),
-    "jobshop-r2-j1-m2",
-    "logistics-do-oc-r2-i3",
-]
+SMALL = ("jobshop-r2-j1-m4", "jobshop-r2-j1-m2", "logistics-do-oc-r2-i3")
 
 
 @pytest.mark.skipif("aries" not in INSTALLED, reason="no aries")
-@pytest.mark.parametrize("name", SMALL)
+@pytest.mark.parametrize("name", usually(SMALL[-1], of=SMALL))
 def test_aries_schedules_what_it_cannot_even_read_whole(name):
     """A job shop with four machines is a message of 5 MB. The bound is ours, of the whole."""
     problem = instance(name).build("fluents", True)

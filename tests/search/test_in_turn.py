@@ -10,6 +10,7 @@ from unified_planning.shortcuts import OneshotPlanner
 
 from tests.shuffled import shuffled
 from tests.upio.hall import Hall
+from tests.usual import usually
 from up_samp.model import CandidateSchedule, GroupReport, Outcome, ScheduledMotion
 from up_samp.motion import MotionService
 from up_samp.search import presets
@@ -56,7 +57,7 @@ def crossing(folder, robots):
     return hall.problem
 
 
-@pytest.mark.parametrize("engine", ["cpsat", "aries"])
+@pytest.mark.parametrize("engine", usually("cpsat", of=("cpsat", "aries")))
 def test_the_first_candidate_becomes_a_plan(tmp_path, narrow, engine):
     problem = crossing(tmp_path, 2)
     with OneshotPlanner(name=f"samp-refine[{engine}]", params={"first_plan": True}) as planner:
@@ -100,9 +101,7 @@ def standing_in_the_gap(folder, seed):
     return hall.problem, f"go{first}"
 
 
-@pytest.mark.parametrize(
-    "seed", [0, 1, 2, *(pytest.param(s, marks=pytest.mark.long) for s in range(3, 30))]
-)
+@pytest.mark.parametrize("seed", usually(0, 2, of=range(30)))
 def test_who_is_in_the_way_goes_first(tmp_path, narrow, seed):
     """One robot stands in the gap: only if it goes first can they drive one after another."""
     problem, first = standing_in_the_gap(tmp_path, seed)

@@ -2,11 +2,14 @@
 lists that are not mutual. Rules: ``docs/semantics.md``.
 """
 
+import itertools
+
 import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import Equals, OneshotPlanner
 
 from tests.upio.hall import Hall
+from tests.usual import usually
 from up_samp.benchmarks import logistics
 from up_samp.validation import validate_plan
 
@@ -16,12 +19,8 @@ SOLVED = (Status.SOLVED_SATISFICING, Status.SOLVED_OPTIMALLY)
 
 def crossed(name, values, engines=ENGINES):
     """Give each value with an engine of its own; all with all where the slow tests are run."""
-    pairs = [(v, e) for v in values for e in engines]
-    own = list(zip(values, engines, strict=True))
-    return pytest.mark.parametrize(
-        (name, "engine"),
-        [pytest.param(*p, marks=[] if p in own else [pytest.mark.long]) for p in pairs],
-    )
+    own, pairs = zip(values, engines, strict=True), itertools.product(values, engines)
+    return pytest.mark.parametrize((name, "engine"), usually(*own, of=pairs))
 
 
 def solve(problem, engine="cpsat", timeout=60.0, **params):
@@ -53,7 +52,7 @@ def standing_in_the_gap(folder):
     return hall
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("engine", usually("cpsat", of=ENGINES))
 def test_a_door_waits_for_whoever_stands_in_it(tmp_path, engine):
     hall = standing_in_the_gap(tmp_path)
     hall.move("go", 0, "gap", "right0", optional=True)
@@ -116,7 +115,7 @@ def test_a_static_door_told_by_its_fluent(tmp_path, engine, delay):
     assert makespans["dict"] == makespans["list"] + (delay == 0)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("engine", usually("cpsat", of=ENGINES))
 def test_a_carrier_is_not_stopped_by_its_load(tmp_path, engine):
     hall = Hall(tmp_path, door=True)
     # the load is a door leaf that lies in the gap; who carries it away gets through

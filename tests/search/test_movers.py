@@ -23,6 +23,7 @@ from unified_planning.shortcuts import (
 )
 
 from tests.upio.hall import Hall, write_hall
+from tests.usual import usually
 from up_samp.execution import dependencies_of
 from up_samp.io import contradictions, plan_from_dict, plan_to_dict
 from up_samp.model import ProblemError, UnsupportedError
@@ -77,6 +78,9 @@ def by_each(folder):
     return site
 
 
+ENGINES = ("samp-refine[cpsat]", "samp-refine[aries]")
+
+
 def solve(problem, engine="samp-refine[cpsat]"):
     with OneshotPlanner(name=engine) as planner:
         return planner.solve(problem, timeout=60)
@@ -113,7 +117,7 @@ def test_whoever_goes_may_have_a_truth_value_beside(tmp_path):
     assert validate_plan(site.problem, plan).valid
 
 
-@pytest.mark.parametrize("engine", ["samp-refine[cpsat]", "samp-refine[aries]"])
+@pytest.mark.parametrize("engine", usually("samp-refine[cpsat]", of=ENGINES))
 def test_constraints_on_the_parameter_hold(tmp_path, engine):
     site = Site(tmp_path, ("near", "far"))
     visits = [site.visit(f"see_{name}", name) for name in ("near", "far")]
@@ -165,7 +169,7 @@ def test_the_validator_sees_that_another_robot_is_named(tmp_path):
     assert not validate_plan(problem, plan).valid
 
 
-@pytest.mark.parametrize("engine", ["samp-refine[cpsat]", "samp-refine[aries]"])
+@pytest.mark.parametrize("engine", usually("samp-refine[cpsat]", of=ENGINES))
 def test_robot_origin_and_target_may_all_be_parameters(tmp_path, engine):
     """As planning problems say it: go(robot, origin, target), with places that have poses."""
     site = Site(tmp_path, ("near", "far"))

@@ -9,6 +9,7 @@ from unified_planning.shortcuts import Equals, Object, Or, UserType
 from tests.search.test_end_to_end import solve
 from tests.shuffled import shuffled
 from tests.upio.hall import Hall, write_hall
+from tests.usual import usually
 from up_samp.model import UnsupportedError
 from up_samp.scheduling.quirks import known_engines
 from up_samp.validation import validate_plan
@@ -17,14 +18,15 @@ INSTALLED = ["cpsat", *(name for name, _, _ in known_engines())]
 PROVING = [name for name in INSTALLED if name != "aries"]
 
 
-def each(engines):
-    """Return engines as parameters; only two of them where the slow tests are not run."""
-    slow = [pytest.mark.long]
-    return [pytest.param(e, marks=[] if e in ("cpsat", "aries-opt") else slow) for e in engines]
+def each(engines, often):
+    """Give a test each of the engines; only some of them where the slow tests are not run."""
+    often = [engine for engine in often if engine in engines]
+    return pytest.mark.parametrize("engine", usually(*often, of=engines))
 
 
-EACH_INSTALLED = pytest.mark.parametrize("engine", each(INSTALLED))
-EACH_PROVING = pytest.mark.parametrize("engine", each(PROVING))
+EACH_INSTALLED = each(INSTALLED, ("cpsat",))
+EACH_PROVING = each(PROVING, ("cpsat", "aries-opt"))
+MOSTLY_OURS = each(PROVING, ("cpsat",))
 
 
 def choice_of(hall, name, *places, robot=0, start=None, **keywords):
@@ -59,7 +61,7 @@ def test_one_value_lies_in_a_closed_room(tmp_path, engine):
     assert validate_plan(hall.problem, result.plan).valid
 
 
-@EACH_PROVING
+@MOSTLY_OURS
 def test_the_nearer_of_two_values_is_taken(tmp_path, engine):
     hall = Hall(tmp_path)
     hall.pose("near", 6.5, 3.0, 0.0)
@@ -83,7 +85,7 @@ def test_a_deadline_that_only_the_nearer_value_meets(tmp_path, engine):
     assert makespan(result) == 6
 
 
-@EACH_PROVING
+@MOSTLY_OURS
 def test_a_waypoint_given_by_a_fluent_that_changes(tmp_path, engine):
     hall = Hall(tmp_path)
     hall.pose("near", 6.5, 3.0, 0.0)
@@ -101,7 +103,7 @@ def test_a_waypoint_given_by_a_fluent_that_changes(tmp_path, engine):
     assert validate_plan(hall.problem, result.plan).valid
 
 
-@EACH_PROVING
+@MOSTLY_OURS
 def test_a_start_given_by_the_parameter_of_another_activity(tmp_path, engine):
     hall = Hall(tmp_path)
     hall.pose("near", 6.5, 3.0, 0.0)
@@ -128,7 +130,7 @@ def named_places(hall):
     return names, told
 
 
-@EACH_PROVING
+@MOSTLY_OURS
 def test_a_waypoint_given_by_a_fluent_of_a_parameter(tmp_path, engine):
     hall = Hall(tmp_path)
     names, told = named_places(hall)

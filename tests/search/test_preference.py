@@ -3,6 +3,7 @@
 import pytest
 from unified_planning.shortcuts import OneshotPlanner, get_environment
 
+from tests.usual import usually
 from up_samp.benchmarks import door_sequence, logistics, navigation
 from up_samp.model import MotionModel
 from up_samp.motion.protocol import MotionCache
@@ -44,7 +45,10 @@ def motions():
     return MotionCache()
 
 
-@pytest.mark.parametrize("encoding", ["fluents", "fluents-uses", "no-fluents", "no-fluents-uses"])
+ENCODINGS = ("fluents", "fluents-uses", "no-fluents", "no-fluents-uses")
+
+
+@pytest.mark.parametrize("encoding", usually("fluents-uses", "no-fluents", of=ENCODINGS))
 def test_published_forms_have_one_optimum(encoding, motions):
     problem = logistics(1, 1, sides="corridor", encoding=encoding)
     with OneshotPlanner(

@@ -5,6 +5,7 @@ from unified_planning.engines import PlanGenerationResultStatus as Status
 
 from tests.soundness.leaves import behind, halts
 from tests.soundness.test_gates import BLIND, admits, ends_of, proven_bound, solve
+from tests.usual import usually
 from up_samp.model.refinement import Strength
 
 SORTS = {"halts": halts, "behind": behind}
@@ -29,7 +30,7 @@ def wrong(problem):
 CASES = [("halts", 1), ("halts", 3), ("halts", 9), ("behind", 3), ("behind", 8), ("behind", 17)]
 
 
-@pytest.mark.parametrize(("sort", "seed"), CASES)
+@pytest.mark.parametrize(("sort", "seed"), usually(("halts", 3), ("behind", 17), of=CASES))
 def test_a_plan_refutes_nothing_of_robots_and_a_leaf(sort, seed, tmp_path):
     assert wrong(SORTS[sort](seed, tmp_path)) == ([], True)
 

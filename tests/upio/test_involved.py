@@ -12,12 +12,13 @@ from up_samp.upio.movers import Involved, whereabouts
 
 
 def sites():
-    """Every style, in a turn of families, with its listing shuffled; every second one only where
-    the slow tests are run.
+    """Every style, in a turn of families, with its listing shuffled; every second one, and the
+    largest, only where the slow tests are run.
     """
     for number, style in enumerate([*ALIKE, *OTHERS]):
         style = dataclasses.replace(style, shuffled=style.shuffled or number % 3 * 50)
-        yield pytest.param(number, style, marks=[pytest.mark.long] if number % 2 else [])
+        slow = number % 2 or number in (18, 24)
+        yield pytest.param(number, style, marks=[pytest.mark.long] if slow else [])
 
 
 @pytest.mark.parametrize(("number", "style"), list(sites()))

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.usual import usually
 from up_samp.execution.travel import travel_of
 from up_samp.model import Body, Kinematics, MotionModel, Trajectory
 from up_samp.motion.curves.reeds_shepp import fastest, run_time
@@ -63,7 +64,7 @@ def broken(body, motion):
     return [v.kind for v in motion_violations("m", limits, motion.times, motion.poses)]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", usually(0, of=range(3)))
 def test_drawn_ways_are_driven_within_limits_alone_and_in_traffic(seed):
     rng = np.random.default_rng(seed)
     refused = 0
@@ -84,7 +85,7 @@ def test_drawn_ways_are_driven_within_limits_alone_and_in_traffic(seed):
     assert refused > 30
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", usually(2, of=range(3)))
 def test_ramps_keep_the_ends_the_limits_and_are_no_slower_than_rests(seed):
     rng = np.random.default_rng(100 + seed)
     gained = 0

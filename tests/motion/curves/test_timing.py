@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.motion.oracle import CAR, RECTANGLE, box_map, car_faults, ends_exactly
+from tests.usual import usually
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, PathQuery
 from up_samp.motion import MotionService
 from up_samp.motion.curves.reeds_shepp import nodes_of
@@ -114,7 +115,10 @@ def test_straight_motions_last_as_long_as_the_closed_form_says(model):
         assert service.lower_bound(body, (start, goal)) <= report.trajectory.duration + 1e-9
 
 
-@pytest.mark.parametrize("model", [MotionModel.REEDSSHEPP, MotionModel.SE2])
+MODELS = (MotionModel.REEDSSHEPP, MotionModel.SE2)
+
+
+@pytest.mark.parametrize("model", usually(MODELS[0], of=MODELS))
 def test_whole_seconds_stay_whole(model):
     service = MotionService(None)
     for length in range(1, 200):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.motion.fleet.spacetime_oracle import CAR, motion, room
+from tests.usual import usually
 from up_samp.geometry import load_map, write_map
 from up_samp.model import Deadline, GroupQuery, Outcome
 from up_samp.motion.fleet import coordinate
@@ -87,7 +88,7 @@ def check_random(tmp_path, seed):
     return True
 
 
-@pytest.mark.parametrize("seed", [0, 2, 5])
+@pytest.mark.parametrize("seed", usually(2, of=(0, 2, 5)))
 def test_random_corridors_are_judged_valid(tmp_path, seed):
     assert check_random(tmp_path, seed)
 

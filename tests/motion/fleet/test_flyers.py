@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from tests.usual import usually
 from up_samp.geometry.meshes import surface_distance, transform
 from up_samp.model import Body, Kinematics, MotionModel, Trajectory
 from up_samp.motion.fleet.flyers import in_space, meeting_cells
@@ -47,7 +48,7 @@ def apart(a, p, b, q):
     return surface_distance(a.solid.mesh, places[0], b.solid.mesh, places[1])
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", usually(0, 1, of=range(6)))
 def test_cells_in_which_flyers_meet_are_found(drone, seed):
     rng, margin = np.random.default_rng(seed), 0.05
     a = flight(rng, drone)

@@ -12,6 +12,7 @@ from unified_planning.shortcuts import LT, OneshotPlanner, get_environment
 import up_samp  # noqa: F401  (registers the engines)
 from tests.handmade import drive
 from tests.motion.fleet.flying import UPRIGHT, World
+from tests.usual import usually
 from up_samp.geometry.meshes import covered
 from up_samp.io import result_to_dict
 from up_samp.io.restore import contradictions
@@ -77,7 +78,7 @@ def standing(world, height):
     return world
 
 
-@pytest.mark.parametrize("margin", [0.01, 0.2])
+@pytest.mark.parametrize("margin", usually(0.2, of=(0.01, 0.2)))
 def test_what_hovers_above_is_driven_under(world, margin):
     """It is 5 cm above: the margin is kept from what is beside."""
     assert solved(standing(world, 1.4), margin=margin).status in FOUND

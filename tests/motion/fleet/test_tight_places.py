@@ -10,10 +10,12 @@ from up_samp.motion.fleet.deadlocks import Agent, Joint
 from up_samp.motion.fleet.roadmap import Roadmap
 from up_samp.motion.service import MotionService
 
-SLOW = {"square of ten", "full ring of six", "room of nine, seven", "room of nine, four small"}
+SLOW = {"square of ten", "full ring of six"}
+SLOW |= {f"room of nine, {sort}" for sort in ("four", "four small", "seven")}
 SLOWER = {("differential", "door both ways"), ("differential", "square of six")}
 SLOWER |= {("omni", "door both ways")}
-SLOWER |= {("differential", "full ring of three")}
+SLOWER |= {("differential", "full ring of three"), ("omni", "pocket")}
+SLOWER |= {("differential", case) for case in ("lay-by", "ring of three", "ring of four")}
 SLOWER |= {("differential", "full ring, three speeds"), ("omni", "full ring, three speeds")}
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.oracles.clocks import JumpingClock
+from tests.usual import usually
 from up_samp.geometry import OccupancyGrid
 from up_samp.model import (
     Body,
@@ -121,7 +122,7 @@ def told(seeds, monkeypatch, every):
     return wrong
 
 
-@pytest.mark.parametrize("every", [30, 300])
+@pytest.mark.parametrize("every", usually(30, of=(30, 300)))
 def test_what_is_called_finished_is_what_is_found_with_all_the_time(every, monkeypatch):
     assert told((1, 3, 6, 10, 15), monkeypatch, every) == []
 

@@ -9,6 +9,7 @@ from tests.motion.planners import ompl_oracle as oracle
 from tests.motion.planners.asking import plan_with_ompl
 from tests.motion.planners.ompl_oracle import CAR, CRATE, DOOR, GOAL, OMNI, START
 from tests.oracles.clocks import Watch
+from tests.usual import usually
 from up_samp.model import (
     Body,
     Deadline,
@@ -102,7 +103,7 @@ def test_closed_door_is_no_proof():
     assert report.planner == "RRT"
 
 
-@BODIES
+@pytest.mark.parametrize("body", usually(OMNI, of=(CAR, OMNI)), ids=["car", "omni"])
 def test_what_a_search_reached(body):
     targets = {"near": (4.0, 9.0, 1.0), "far": GOAL, "in the wall": (10.0, 1.0, 0.0)}
     query = PathQuery(body, (START, GOAL), (DOOR,))

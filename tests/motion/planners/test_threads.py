@@ -8,6 +8,7 @@ import pytest
 
 from tests.motion.oracle import smallest_clearance
 from tests.soundness.known_plans import SECONDS, KnownPlan
+from tests.usual import usually
 from up_samp.geometry.maps import load_map
 from up_samp.model import Deadline, Outcome, PathQuery
 from up_samp.motion.planners.car import CarPlanner, CarSettings, PivotPlanner
@@ -32,10 +33,10 @@ def drives(seed, folder):
         yield world.kind, grid, snapshot.objects[name].body, ends, limits, drive
 
 
-LONG = [pytest.param(*some, marks=pytest.mark.long) for some in ((5, 1.1), (28, 1.1), (30, 1.3))]
+KNOWN = [*((seed, 1.1) for seed in (2, 5, 7, 8, 28, 31, 56)), (30, 1.3)]
 
 
-@pytest.mark.parametrize(("seed", "most"), [*((seed, 1.1) for seed in (2, 7, 8, 31, 56)), *LONG])
+@pytest.mark.parametrize(("seed", "most"), usually((8, 1.1), (56, 1.1), of=KNOWN))
 def test_what_is_known_to_be_driven_is_found(seed, most, tmp_path):
     for kind, grid, body, ends, limits, known in drives(seed, tmp_path):
         service = MotionService(grid)
@@ -71,7 +72,7 @@ def test_a_thread_is_planned_by_the_service_without_a_second_opinion(tmp_path):
         assert report.planner == {"car": "car", "differential": "pivot"}[kind]
 
 
-@pytest.mark.parametrize(("seed", "number"), [(7, 0), (8, 0), (30, 2)])
+@pytest.mark.parametrize(("seed", "number"), usually((7, 0), (8, 0), of=[(7, 0), (8, 0), (30, 2)]))
 def test_a_quick_planner_gives_up_where_only_a_thread_leads(seed, number, tmp_path):
     kind, grid, body, ends, _, _ = [*drives(seed, tmp_path)][number]
     planner = PLANNERS[kind].quick(MotionService(grid).scene)

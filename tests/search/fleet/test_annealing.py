@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.search.fleet.guesses import assigned
+from tests.usual import usually
 from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.search.fleet.evaluator_kernel import anneal, drawn
 from up_samp.search.fleet.jobs import Jobs, find_jobs
@@ -32,7 +33,7 @@ def shuffled(jobs, rng):
     return Jobs(tuple(map(tuple, some)), jobs.needs)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", usually(1, 2, 3, of=range(4)))
 def test_each_job_is_done_once_by_who_can(read, seed):
     jobs, snapshot = read
     rng = random.Random(seed)
@@ -89,7 +90,7 @@ def test_two_robots_exchange_what_they_do_from_some_job_on(read, seed):
     assert min(told[True, True], told[True, False], told[False, True], told[False, False]) > 5
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", usually(2, of=range(3)))
 def test_what_is_accepted_costs_what_it_costs(read, seed):
     """Changes are refused by what their tours cost alone: that is never more than they cost."""
     jobs, snapshot = read

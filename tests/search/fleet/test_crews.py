@@ -5,6 +5,7 @@ import pytest
 from tests.fleet.test_rules import one_room
 from tests.search.fleet.guesses import along_the_axes, assigned
 from tests.shuffled import shuffled
+from tests.usual import usually
 from up_samp.fleet.build import write_problem
 from up_samp.search.fleet.assignment import in_stated_order
 from up_samp.search.fleet.jobs import find_jobs
@@ -28,7 +29,7 @@ def name_of(jobs, job):
     return jobs.options[job][0].leader.split("_")[1]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", usually(0, 2, of=range(4)))
 def test_no_robot_does_two_of_a_crew(seed, tmp_path):
     jobs, snapshot = pairs(2 + seed % 2, seed, tmp_path)
     crews = {}

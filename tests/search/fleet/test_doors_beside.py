@@ -1,10 +1,12 @@
 """Fleets whose jobs are assigned open doors, and charge for that, beside what they do."""
 
+import itertools
 import random
 
 import numpy as np
 import pytest
 
+from tests.usual import usually
 from up_samp.fleet import Fleet
 from up_samp.geometry.maps import write_map
 from up_samp.validation import validate_plan
@@ -38,16 +40,10 @@ def halls(folder, seed, *, battery, opened_from):
     return fleet
 
 
-LONG = pytest.mark.long
-EACH = [
-    ("button", False),
-    (["inner", "button"], True),
-    pytest.param("button", True, marks=LONG),
-    pytest.param(["inner", "button"], False, marks=LONG),
-]
+EACH = list(itertools.product(("button", ["inner", "button"]), (False, True)))
 
 
-@pytest.mark.parametrize(("opened_from", "battery"), EACH)
+@pytest.mark.parametrize(("opened_from", "battery"), usually(("button", False), of=EACH))
 def test_the_first_plan_is_dealt_out(tmp_path, opened_from, battery):
     """The usual search, which finds a plan as well, takes ten times as long: it never begins."""
     fleet = halls(tmp_path, len(opened_from), battery=battery, opened_from=opened_from)

@@ -7,6 +7,7 @@ import pytest
 from unified_planning.shortcuts import IntType
 
 from tests.search.fleet.guesses import along_the_axes
+from tests.usual import usually
 from up_samp import Fleet
 from up_samp.model import Deadline
 from up_samp.search.fleet.assignment import assign
@@ -54,7 +55,7 @@ def evaluator_of(seed):
     return AssignmentEvaluator(TravelTimeModel(snapshot, along_the_axes, duties=duties), jobs)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", usually(0, of=range(3)))
 def test_duties_are_read_however_they_are_listed(seed):
     duties = evaluator_of(seed).guess.duties
     assert duties.ends == {"r0": HOME, "r1": (3.0, 8.0, 0.0)}
@@ -98,7 +99,7 @@ def by_hand(evaluator, robot, tour):
     return seconds + max(0.0, taken - battery.first) / battery.given[PLUG], trips
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", usually(2, of=range(3)))
 def test_what_a_tour_takes_counts_the_way_home_breaks_and_charging(seed):
     evaluator, rng = evaluator_of(seed), random.Random(seed)
     for _ in range(10):

@@ -9,6 +9,7 @@ from tests.search.fleet.test_carrying import fleet as carrying
 from tests.search.fleet.test_doors_beside import halls
 from tests.search.fleet.test_drives_home import homely, site
 from tests.shuffled import shuffled
+from tests.usual import usually
 from up_samp import Fleet
 from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.io.plan_dict import plan_to_dict
@@ -52,11 +53,7 @@ DRAWN = {
 }
 
 
-LONG = {*(f"warehouse {seed}" for seed in range(1, 6)), "doors"}
-EACH = [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in DRAWN]
-
-
-@pytest.mark.parametrize("name", EACH)
+@pytest.mark.parametrize("name", usually("one load", "warehouse 0", of=DRAWN))
 def test_a_plan_that_holds_is_kept_as_it_is_driven(name, tmp_path, rounds):
     """All of it listed in any order."""
     problem = shuffled(DRAWN[name](tmp_path), 3, rename=False).problem
@@ -79,7 +76,7 @@ def test_a_better_plan_is_sought_from_there(seed):
     problem = warehouse(3, 5, encoding="compact", seed=seed)
     problem = shuffled(problem, seed, rename=False).problem
     plan, makespan = solved(problem, **FIRST, seed=seed)
-    tuning = {**LARGE["tuning"], "exchanges": 100}
+    tuning = {**LARGE["tuning"], "exchanges": 30}
     more = {"tuning": tuning, "optimal": True, "reproducible": True, "runtime": 1.0}
     found = [solved(problem, plan, **more, seed=7) for _ in range(2)]
     assert found[0][1] == found[1][1] <= makespan

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from tests.usual import usually
 from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.geometry import lay_out
 from up_samp.search.facts import Facts
@@ -99,7 +100,7 @@ def bound_of(work, ways, last):
         since = found
 
 
-@pytest.mark.parametrize("first", [0, 20])
+@pytest.mark.parametrize("first", usually(20, of=(0, 20)))
 def test_no_way_to_share_jobs_and_to_stay_is_better_than_the_share(first):
     higher, shares = 0, []
     for seed in range(first, first + 20):
