@@ -314,6 +314,18 @@ class Earliest:
         """Return the points that may not come before a point."""
         return [then for then, lag in self._after[point] if lag >= 0]
 
+    def released(self) -> set[Point]:
+        """Return the points that come no later than when they are released."""
+        return {then for then, lag in self._after[ZERO] if 0 < lag == self.times[then]}
+
+    def slack(self, name: str) -> int:
+        """Return by how much an activity may end later with nothing else any later, but the plan's
+        end and its own start.
+        """
+        end = "end", name
+        some = (self.times[p] - lag for p, lag in self._after[end] if name != p[1] != HORIZON[1])
+        return min(some, default=self.times[end]) - self.times[end]
+
     def latest(self) -> dict[Point, float]:
         """Return when each point may be at the latest, with all others free (inf: any time)."""
         before: dict[Point, list[tuple[Point, int]]] = {point: [] for point in self._after}

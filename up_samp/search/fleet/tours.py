@@ -97,7 +97,6 @@ class TourPlanner:
         self._leave = others_first(self._facts, self._service, itinerary)
         self._floor = ReservationTable(self._service, self._rests())
         self._homes = homes
-        self._begun = times.state()
         self._chains: dict[str, list[str]] = defaultdict(list)
         for motion in itinerary.motions:
             self._chains[motion.object].append(motion.activity)
@@ -108,12 +107,29 @@ class TourPlanner:
         """Stays (motion, until) of the present tour from which there is no way on."""
         self._tries = 0
         self._contested = contested(search.facts, search.motions.service, itinerary)
+        self._wait_apart()
+        self._begun = times.state()
         self._ahead: Mapping[str, float] = {}
         self._looks = 0
         self._hard = True
         """Whether new ways are looked for where others stand in all that are known: not as long as
         somebody can go on without, for they are about to go on, too.
         """
+
+    def _wait_apart(self) -> None:
+        """Let who has to wait until something is released do so before, where nobody else has to
+        be, if it comes by such a place: at a station it would keep others away for all that time.
+        """
+        released = self._times.released()
+        for chain in self._chains.values():
+            apart: str | None = chain[0]
+            for name, then in itertools.zip_longest(chain, chain[1:]):
+                wait = self._times.slack(name)
+                if apart and wait > 0 and not released.isdisjoint(self._times.after(("end", name))):
+                    self._times.raised({("start", apart): self._start(apart) + wait})
+                    apart = None
+                if name not in self._contested:
+                    apart = then
 
     def schedule(self) -> CandidateSchedule:
         """Return the candidate with the times that its motions need."""
