@@ -323,7 +323,8 @@ class Earliest:
         end and its own start.
         """
         end = "end", name
-        some = (self.times[p] - lag for p, lag in self._after[end] if name != p[1] != HORIZON[1])
+        free = {("start", name), HORIZON}
+        some = (self.times[p] - lag for p, lag in self._after[end] if p not in free)
         return min(some, default=self.times[end]) - self.times[end]
 
     def latest(self) -> dict[Point, float]:
