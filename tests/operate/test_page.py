@@ -136,3 +136,32 @@ def test_an_operator_sees_robots_and_holds_them(floor, browser):  # noqa: F811
     assert not browser.find_elements("css selector", "td button")
     errors = [e for e in browser.get_log("browser") if e["level"] == "SEVERE"]
     assert errors == []
+
+
+def test_an_operator_says_where_a_robot_stands_that_is_not_heard(floor, browser):  # noqa: F811
+    """Nothing is planned anew as long as it may drive on."""
+    day, page = floor
+    day.order("o0", "rack0", "dock1", robots=["r0"])
+    day.until(lambda: day.state("o0") == "planned")
+    stop = day.clock.now() + 6.0
+    day.until(lambda: day.clock.now() >= stop)
+    day.operation.leave("r0", "silent")
+    assert day.operation.adrift() == ["r0"]
+
+    def seen(good):
+        def look():
+            page.serve()
+            return good()
+
+        return look
+
+    browser.get(page.told[1].partition(": ")[2])
+    find = browser.find_element
+    until(seen(lambda: "nothing is planned anew" in find("id", "robots").text), "what is wrong")
+    if "PAGE_PICTURE" in os.environ:
+        browser.save_screenshot(os.environ["PAGE_PICTURE"])
+    (stands,) = find("id", "robots").find_elements("xpath", ".//button[contains(., 'it stands')]")
+    stands.click()
+    until(seen(lambda: not day.operation.adrift()), "it is known to stand")
+    assert day.operation.away == {"r0": "silent"}
+    until(seen(lambda: "it stands" not in find("id", "robots").text), "the page says so")

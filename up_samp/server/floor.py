@@ -396,6 +396,7 @@ def _robot(day: Operation, name: str) -> dict[str, Any]:
         "way": way,
         "held": day.held.get(name, ""),
         "away": day.away.get(name, ""),
+        "adrift": name in day.adrift(),
         "charges": day.site.kind_of(name).battery is not None,
         "battery": None if (level := day.robots.levels.get(name)) is None else round(100 * level),
     }
