@@ -41,6 +41,19 @@ def ask(page, method, path, token, body=None):
             return error.code, json.loads(error.read())
 
 
+def serving(page):
+    """Return what makes of a look at the page one for which the page is served first."""
+
+    def seen(good):
+        def look():
+            page.serve()
+            return good()
+
+        return look
+
+    return seen
+
+
 class Asking:
     """Asks in another thread while the loop serves."""
 
@@ -99,15 +112,8 @@ def test_an_operator_sees_robots_and_holds_them(floor, browser):  # noqa: F811
     day.until(lambda: day.clock.now() >= stop)
     day.operation.block("people", [(18.0, 10.0), (22.0, 10.0), (22.0, 13.0), (18.0, 13.0)])
 
-    def seen(good):
-        def look():
-            page.serve()
-            return good()
-
-        return look
-
     browser.get(page.told[1].partition(": ")[2])
-    find = browser.find_element
+    find, seen = browser.find_element, serving(page)
     until(seen(lambda: find("id", "link").text == "live"), "the page is live")
     until(seen(lambda: "o1" in find("id", "orders").text), "the orders")
     assert "people" in find("id", "areas").text
@@ -148,15 +154,8 @@ def test_an_operator_says_where_a_robot_stands_that_is_not_heard(floor, browser)
     day.operation.leave("r0", "silent")
     assert day.operation.adrift() == ["r0"]
 
-    def seen(good):
-        def look():
-            page.serve()
-            return good()
-
-        return look
-
     browser.get(page.told[1].partition(": ")[2])
-    find = browser.find_element
+    find, seen = browser.find_element, serving(page)
     until(seen(lambda: "nothing is planned anew" in find("id", "robots").text), "what is wrong")
     if "PAGE_PICTURE" in os.environ:
         browser.save_screenshot(os.environ["PAGE_PICTURE"])

@@ -39,7 +39,7 @@ def due_too_soon(problem: SchedulingMotionProblem, motions: Motions) -> list[Ref
         if needed <= soonest.with_it(name):
             first = soonest.of(name)[at_end]
             if first > latest:
-                what = ("begin: ", "")[at_end]
+                what = "" if at_end else "begin: "
                 why = f"{what}due at {latest}, {first} at the soonest{soonest.who(name)}"
                 found.append(rules.impossible(name, why, Layer.BOUND))
     return found
@@ -139,8 +139,9 @@ class SoonestEnds:
 
     def _comes(self, name: str, place: Term) -> int:
         """Return when an object may have come to a place at the soonest (0: it is not known)."""
-        start = self._snapshot.initial[name]
-        return self._units(name, start, {TermKind.CONSTANT: place.name}.get(place.kind, start))
+        if place.kind is not TermKind.CONSTANT:
+            return 0
+        return self._units(name, self._snapshot.initial[name], place.name)
 
     def _apart(self, first: str, then: str) -> int:
         """Return how long after the start of one activity another one begins at least, as somebody

@@ -322,7 +322,8 @@ def _dues(problem: SchedulingMotionProblem) -> dict[str, float]:
     """Return the latest ends of activities (units), whatever they are conditional on."""
     found = defaultdict[str, float](lambda: math.inf)
     for name, _, at_end, latest in limits_told(problem, latest=True):
-        found[name] = min(found[name], (math.inf, latest)[at_end])
+        if at_end:
+            found[name] = min(found[name], latest)
     return found
 
 
@@ -343,7 +344,7 @@ def _limit(node: FNode, *, latest: bool) -> tuple[str, bool, int] | None:
     """Return (activity, whether it is its end, units) if ``node`` says that and nothing else."""
     if node.node_type not in (Op.LE, Op.LT):
         return None
-    sign = (-1, 1)[latest]  # the soonest is the latest back in time
+    sign = 1 if latest else -1  # the soonest is the latest back in time
     point, limit = node.args[::sign]
     if point.node_type is not Op.TIMING_EXP or not limit.is_constant():
         return None

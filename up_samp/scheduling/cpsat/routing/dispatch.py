@@ -74,8 +74,8 @@ def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlac
             comes = {(m.name, m.to) for m in route.moves}
             inside = frozenset(to for name, to in comes if to in arrivals.get(name, ()))
             begins = {(m.name, origin) for m in route.moves for origin in m.origins}
-            told = _are(comes, inside, arrivals) and _are(begins, inside, departures)
-            if not told or route.free & inside:
+            taken, given = _are(comes, inside, arrivals), _are(begins, inside, departures)
+            if not (taken and given and inside.isdisjoint(route.free)):
                 break
             places[route.key] = inside
         else:

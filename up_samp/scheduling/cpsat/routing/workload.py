@@ -146,7 +146,7 @@ def bound_by_releases(work: RoutedWork) -> int:
     of those that are wanted.
     """
     pairs = zip(work.tasks, tails_of_wanted(work), strict=True)
-    return max((task.wanted * (task.release + tail) for task, tail in pairs), default=0)
+    return max((task.release + tail for task, tail in pairs if task.wanted), default=0)
 
 
 @dataclass(frozen=True)
