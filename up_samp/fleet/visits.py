@@ -8,6 +8,7 @@ activity that happens once at most, so there are as many of it as may be needed,
 from __future__ import annotations
 
 import itertools
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 from shapely.geometry import Polygon
 
 from up_samp.fleet.faults import Fault, FleetError, earlier_than
+from up_samp.fleet.fields import FILE_LIMITS
 from up_samp.fleet.floors import floor_of, legs_between, lift_between
 from up_samp.fleet.loads import MARK, follows, load_of, options_of, place_of, ridden, with_load
 from up_samp.fleet.meanings import Kind
@@ -23,10 +25,12 @@ from up_samp.fleet.records import (
     AutomaticDoor,
     FleetRecords,
     Order,
+    Task,
     Zone,
     can_do,
     needs_robot,
     seats_of,
+    visited,
 )
 
 
@@ -90,13 +94,31 @@ def visits_of(records: FleetRecords, robot: str) -> list[Visit]:
     for name, place in records.places.items() if charges else ():
         times = 0 if place.charger is None else place.charger.times
         visits += [Visit(robot, Kind.CHARGE, name, (name,), i) for i in range(times)]
-    # where it may rest, and how often: its own start, once, where that says nothing of it
+    # where it may rest, and how often
     parking = {p: place.park for p, place in records.places.items() if place.park is not None}
-    for name, times in ({mine.start: 1} | parking).items():
+    for name, times in ({mine.start: rests_at_start(records, robot)} | parking).items():
         visits += [Visit(robot, Kind.PARK, name, (name,), i) for i in range(times)]
     if mine.end is not None:
         visits.append(Visit(robot, Kind.END, mine.end, (mine.end,)))
     return visits
+
+
+def rests_at_start(records: FleetRecords, robot: str) -> int:
+    """Return how often a robot may come back to where it starts, to rest there, if that place says
+    nothing of it: once, and once more for each one of its share of the jobs that have to wait for
+    their time.
+    """
+    mine = (job for job in records.jobs if needs_robot(job) and can_do(records, robot, job))
+    share = math.ceil(sum(map(_waits, mine)) / len(records.robots))
+    return min(1 + share, FILE_LIMITS.visits)
+
+
+def _waits(job: Order | Task) -> bool:
+    """Return whether a job cannot be done at once: it is released later, or its windows open
+    later.
+    """
+    parts = visited(job)
+    return job.release > 0.0 or any(p.window and p.window[0][0] > 0.0 for p in parts)
 
 
 NEVER = frozenset(

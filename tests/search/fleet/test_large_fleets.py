@@ -59,7 +59,7 @@ def test_a_thinned_problem_has_what_was_dealt_out_and_nothing_else(problem):
     jobs = find_jobs(problem, snapshot)
     assignment = assigned(jobs, snapshot)
     names = [a.name for a in problem.activities]
-    thin = thinned(problem, decided_by(assignment, names))
+    thin = thinned(problem, decided_by(assignment, problem.activities))
     kept = {a.name for a in thin.activities}
     leaders = {jobs.options[j][k].leader for tour in assignment.tours.values() for j, k in tour}
     assert leaders <= kept < set(names)

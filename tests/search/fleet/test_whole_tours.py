@@ -110,7 +110,7 @@ def opened(problem, seed):
     service = session.open_service(snapshot, grid, Parameters())
     jobs = find_jobs(problem, snapshot)
     assignment = assigned(jobs, snapshot, seed=seed)
-    thin = thinned(problem, decided_by(assignment, [a.name for a in problem.activities]))
+    thin = thinned(problem, decided_by(assignment, problem.activities))
     state_order(thin, assignment)
     wrapped = Wrapped("cpsat", {}, lambda problem, plan: [], lambda plan: [], True)
     whole = Problem(problem, snapshot, wrapped, Parameters())

@@ -12,8 +12,9 @@ import itertools
 import math
 import random
 from collections import Counter, defaultdict
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 
 import numpy as np
 from unified_planning.model.motion import SchedulingMotionProblem
@@ -23,7 +24,7 @@ from up_samp.model import CandidateSchedule, Configuration, Deadline
 from up_samp.model.snapshot import TermKind
 from up_samp.search.fleet.evaluator import AssignmentEvaluator, Step, Stop
 from up_samp.search.fleet.evaluator_kernel import CostWeights, anneal, drawn, insert
-from up_samp.search.fleet.jobs import Jobs
+from up_samp.search.fleet.jobs import Jobs, WorkMode
 from up_samp.search.fleet.travel_times import OneDrive, TravelTimeModel
 from up_samp.tuning import Tuning
 
@@ -53,19 +54,42 @@ class Assignment:
         """All jobs, with the ways to do each."""
         return self.evaluator.jobs
 
-    def drives_home(self) -> dict[str, str]:
-        """Return by robot the drive out of the way of others that have to be where its tour ends,
-        beside those that may come of its last job.
+    def drives_home(self) -> dict[str, dict[int, str]]:
+        """Return by robot the drives out of the way of others that have to be where it is, by the
+        number of the job of its tour that they come after: the last one, beside those that may come
+        of it, and those before which it waits so long for the next one that there is time for it.
         """
-        duties, options, found = self.guess.duties, self.jobs.options, dict[str, str]()
+        duties, options, found = self.guess.duties, self.jobs.options, dict[str, dict[int, str]]()
         work = {r: [options[j][k] for j, k in tour] for r, tour in self.tours.items() if tour}
         stops = Counter(p for some in work.values() for p in {p for o in some for p in o.stops})
         for robot, some in work.items():
-            drive = duties.drives_home.get((robot, some[-1].exit))
-            elsewhere = robot in duties.ends or robot in duties.loads
-            if drive is not None and stops[some[-1].exit] > 1 and not elsewhere:
-                found[robot] = drive
-        return found
+            last, waits = len(some) - 1, dict(self._waits(robot, some))
+            first = [last] * (robot not in duties.ends)
+            for at in (*first, *sorted(waits, key=lambda at: (-waits[at], at))):
+                exit_, mine = some[at].exit, found.setdefault(robot, {})
+                drives = duties.drives_home.get((robot, exit_), ())
+                left = [name for name in drives if name not in mine.values()]
+                if left and stops[exit_] > 1 and robot not in duties.loads:
+                    mine[at] = left[0]
+        return {robot: mine for robot, mine in found.items() if mine}
+
+    def _waits(self, robot: str, some: Sequence[WorkMode]) -> Iterator[tuple[int, float]]:
+        """Yield the numbers of the jobs of a tour after which a robot could go to where it is at
+        first, and how much longer (s) than that it would wait until the next one is released.
+        """
+        snapshot, ride = self.guess.snapshot, self.guess.ride
+        home = here = snapshot.configurations[snapshot.initial[robot]]
+        done = 0.0
+        for number, option in enumerate(some):
+            begin = max(
+                done + ride(robot, here, option.entry), option.release * snapshot.seconds_per_unit
+            )
+            left = begin - done - ride(robot, here, home) - ride(robot, home, option.entry)
+            if number and left > 0.0:
+                yield number - 1, left
+            done = begin + option.work + self.guess.pause(option)
+            done += sum(ride(robot, a, b) for a, b in option.legs)
+            here = option.exit
 
     def handovers(self) -> list[tuple[OneDrive, OneDrive]]:
         """Return the drives by which robots leave places, with those by which others come there."""
@@ -228,11 +252,17 @@ def in_stated_order(
 
 
 def decided_by(
-    assignment: Assignment, names: Sequence[str], beside: Collection[Stop] = ()
+    assignment: Assignment,
+    activities: Sequence[Activity],
+    beside: Collection[Stop] = (),
+    *,
+    lean: bool = False,
 ) -> frozenset[str]:
     """Return the activities that may be present if everybody does what is assigned, and makes use
     of what may come of a job only in the end (to go home). Robots may drive to and from what is
     ``beside`` their tours.
+
+    :param lean: whether of drives that are alike only as many are left as a tour has.
     """
     jobs, loads = assignment.jobs, assignment.guess.duties.loads
     chosen = {(j, k) for tour in assignment.tours.values() for j, k in tour}
@@ -241,7 +271,9 @@ def decided_by(
     for robot, tour in assignment.tours.items():
         for j, k in tour[: -loads.get(robot, 1)]:
             gone |= jobs.options[j][k].extras
-    return frozenset(names) - jobs.without(gone) - _detours(assignment, beside)
+    names = frozenset(a.name for a in activities)
+    gone = {*jobs.without(gone), *_detours(assignment, beside)}
+    return names - gone - (_needless(assignment, activities, gone) if lean else set())
 
 
 def _detours(assignment: Assignment, beside: Collection[Stop]) -> set[str]:
@@ -250,32 +282,61 @@ def _detours(assignment: Assignment, beside: Collection[Stop]) -> set[str]:
     done, if a robot has to be there in the end. (Stops of jobs that may be under way at once come
     in any order.)
     """
-    snapshot, options = (
-        assignment.guess.snapshot,
-        [o for some in assignment.jobs.options for o in some],
-    )
-    own = {n for o in options for n in (*o.members, *o.extras)}
+    options = [o for some in assignment.jobs.options for o in some]
     stops = {pose for o in options for leg in (*o.legs, (o.entry, o.exit)) for pose in leg}
     tours = {robot: _ways_between(assignment, robot) for robot in assignment.tours}
     found = set()
-    for task in snapshot.tasks:
-        fixed = all(term.kind is TermKind.CONSTANT for term in task.terms)
-        if task.activity in own or task.object not in tours or not fixed:
-            continue
-        a, b = (snapshot.configurations[task.terms[i].name] for i in (0, -1))
-        ways, last = tours[task.object]
+    for name, (robot, a, b) in _free_drives(assignment):
+        ways, last = tours[robot]
         home = a in last and b not in stops
         mine = last | {*itertools.chain(*ways)}
-        on_tour = {a, b} - {pose for robot, pose in beside if robot == task.object}
+        on_tour = {a, b} - {pose for who, pose in beside if who == robot}
         aside = on_tour < {a, b} and on_tour <= mine
         if (a, b) not in ways and not home and not aside:
-            found.add(task.activity)
+            found.add(name)
     return found
+
+
+def _free_drives(assignment: Assignment) -> Iterator[tuple[str, OneDrive]]:
+    """Yield the drives between fixed places that are no part of a job, by name."""
+    snapshot, options = assignment.guess.snapshot, itertools.chain(*assignment.jobs.options)
+    own = {n for o in options for n in (*o.members, *o.extras)}
+    for task in sorted(snapshot.tasks, key=attrgetter("activity")):
+        fixed = all(term.kind is TermKind.CONSTANT for term in task.terms)
+        if task.activity not in own and task.object in assignment.tours and fixed:
+            a, b = (snapshot.configurations[task.terms[i].name] for i in (0, -1))
+            yield task.activity, (task.object, a, b)
+
+
+def _needless(
+    assignment: Assignment, activities: Sequence[Activity], gone: Collection[str]
+) -> set[str]:
+    """Return drives of which there are more, alike by what they take and change, than a tour has
+    (of a robot that has one job under way at a time).
+    """
+    tours, loads = assignment.tours, assignment.guess.duties.loads
+    drives = Counter((r, *way) for r in tours.keys() - loads for way in _drives(assignment, r))
+    known, seen, found = {a.name: a for a in activities}, Counter[Hashable](), set()
+    for name, drive in _free_drives(assignment):
+        if name in known and name not in gone and drive in drives:
+            kind = drive, _asks(known[name])
+            seen[kind] += 1
+            if seen[kind] > drives[drive]:
+                found.add(name)
+    return found
+
+
+def _asks(activity: Activity) -> Hashable:
+    """Return what an activity takes and changes, as far as it tells it from others."""
+    effects = itertools.chain(*activity.effects.values())
+    changes = frozenset((e.fluent, e.value, e.kind, e.condition) for e in effects)
+    conditions = frozenset(itertools.chain(*activity.conditions.values()))
+    return activity.duration.lower, activity.duration.upper, changes, conditions
 
 
 def _all_ways(assignment: Assignment, robot: str) -> list[tuple[Configuration, Configuration]]:
     """Return from where to where a robot drives for its jobs, and home."""
-    found = sorted(_ways(assignment, robot)[0])
+    found = sorted({*_drives(assignment, robot)})
     if assignment.tours[robot]:
         j, k = assignment.tours[robot][-1]
         option = assignment.jobs.options[j][k]
@@ -284,17 +345,21 @@ def _all_ways(assignment: Assignment, robot: str) -> list[tuple[Configuration, C
     return found
 
 
-def _ways(
-    assignment: Assignment, robot: str
-) -> tuple[set[tuple[Configuration, Configuration]], Configuration]:
-    """Return from where to where a robot drives for its jobs, and where it is when all are done."""
-    snapshot, found = assignment.guess.snapshot, set[tuple[Configuration, Configuration]]()
-    here = snapshot.configurations[snapshot.initial[robot]]
-    for j, k in assignment.tours[robot]:
+def _drives(assignment: Assignment, robot: str) -> list[tuple[Configuration, Configuration]]:
+    """Return from where to where a robot drives on its tour, drive by drive: for its jobs, and out
+    of the way between them and in the end.
+    """
+    snapshot, found = assignment.guess.snapshot, list[tuple[Configuration, Configuration]]()
+    home = here = snapshot.configurations[snapshot.initial[robot]]
+    rests = assignment.drives_home().get(robot, {})
+    for number, (j, k) in enumerate(assignment.tours[robot]):
         option = assignment.jobs.options[j][k]
-        found |= {(here, option.entry), *option.legs}
+        found += [(here, option.entry), *option.legs]
         here = option.exit
-    return found, here
+        if number in rests:
+            found.append((here, home))
+            here = home
+    return found
 
 
 def _ways_between(
@@ -303,12 +368,14 @@ def _ways_between(
     """Return from where to where a robot may drive for its jobs, in whatever order it comes by the
     stops of those that it may have under way at once, and where it may be when all are done.
     """
-    found, last = _ways(assignment, robot)
+    found, tour = {*_drives(assignment, robot)}, assignment.tours[robot]
+    some = [assignment.jobs.options[j][k] for j, k in tour]
+    start = assignment.guess.snapshot.configurations[assignment.guess.snapshot.initial[robot]]
+    last = some[-1].exit if some else start
     many = assignment.guess.duties.loads.get(robot, 1)
     if many == 1:
         return found, {last}
-    start = assignment.guess.snapshot.configurations[assignment.guess.snapshot.initial[robot]]
-    stops = [{*assignment.jobs.options[j][k].stops} for j, k in assignment.tours[robot]]
+    stops = [{*option.stops} for option in some]
     for at, mine in enumerate(stops):
         near = set().union(*stops[at : at + many + 1])
         found |= {pair for a in mine for b in near - {a} for pair in ((a, b), (b, a))}
@@ -327,7 +394,7 @@ def state_order(problem: SchedulingMotionProblem, assignment: Assignment) -> Non
         for at, (j, k) in enumerate(tour):
             option = assignment.jobs.options[j][k]
             names = sorted(option.members | option.extras)
-            names += [home[robot]] if robot in home and at == len(tour) - 1 else []
+            names += filter(None, [home.get(robot, {}).get(at)])
             mine = [activities[n] for n in names if n in activities]
             before = [*itertools.chain(*steps[max(at - 2 * many + 1, 0) : max(at - many + 1, 0)])]
             for a in mine:

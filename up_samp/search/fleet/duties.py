@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -51,7 +51,7 @@ Taken = Mapping[tuple[Body, float, Configuration, Configuration], float]
 class Duties:
     """By robot: where it has to be in the ``ends``, how long it ``rests`` (s), its battery, how
     many jobs it may have under way at once (``loads``, where it is more than one); what drives
-    take; and, by robot and from where, the drive that brings it out of the way (``drives_home``).
+    take; and, by robot and from where, the drives that bring it out of the way (``drives_home``).
     """
 
     ends: Mapping[str, Configuration] = field(default_factory=dict)
@@ -59,7 +59,7 @@ class Duties:
     batteries: Mapping[str, BatteryUse] = field(default_factory=dict)
     loads: Mapping[str, int] = field(default_factory=dict)
     taken: Taken = field(default_factory=dict)
-    drives_home: Mapping[tuple[str, Configuration], str] = field(default_factory=dict)
+    drives_home: Mapping[tuple[str, Configuration], Sequence[str]] = field(default_factory=dict)
 
 
 def duties_of(problem: SchedulingMotionProblem, snapshot: Snapshot, jobs: Jobs) -> Duties:
@@ -76,7 +76,7 @@ def duties_of(problem: SchedulingMotionProblem, snapshot: Snapshot, jobs: Jobs) 
     batteries = dict(_batteries(problem, snapshot, drives, taken))
     ends = dict(_ends(problem, snapshot))
     rests, loads = dict(_rests(problem, snapshot, own, drives)), loads_of(problem, jobs)
-    return Duties(ends, rests, batteries, loads, taken, dict(_drives_home(snapshot, jobs)))
+    return Duties(ends, rests, batteries, loads, taken, _drives_home(snapshot, jobs))
 
 
 def _ends(
@@ -90,21 +90,26 @@ def _ends(
             yield robot, snapshot.configurations[place]
 
 
-def _drives_home(snapshot: Snapshot, jobs: Jobs) -> Iterator[tuple[tuple[str, Configuration], str]]:
-    """Yield the drives that hang on no job, by robot and from where, that bring it back to where it
-    is at first, if no job is done there: whoever has done its last one may be in others' way.
+def _drives_home(
+    snapshot: Snapshot, jobs: Jobs
+) -> dict[tuple[str, Configuration], list[str]]:
+    """Return the drives that hang on no job, by robot and from where, that bring it back to where
+    it is at first, if no job is done there: whoever has done its last one, or waits for the next
+    one, may be in others' way.
     """
+    found = defaultdict[tuple[str, Configuration], list[str]](list)
     pose, initial = snapshot.configurations, snapshot.initial
     every = [o for options in jobs.options for o in options]
     hang = {name for o in every for name in o.members}
     hang.update(name for name, some in jobs.needs.items() if some)
     stops = {stop for o in every for stop in o.stops}
-    for task in sorted(snapshot.tasks, key=lambda task: task.activity, reverse=True):
+    for task in sorted(snapshot.tasks, key=lambda task: task.activity):
         fixed = all(term.kind is TermKind.CONSTANT for term in task.terms)
         if fixed and task.activity not in hang:
             a, b = (pose[task.terms[i].name] for i in (0, -1))
             if a != b and b == pose[initial[task.object]] and b not in stops:
-                yield (task.object, a), task.activity
+                found[task.object, a].append(task.activity)
+    return dict(found)
 
 
 def _rests(

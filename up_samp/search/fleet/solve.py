@@ -296,7 +296,9 @@ def homes_of(problem: SchedulingMotionProblem, assignment: Assignment) -> frozen
     drives = map(snapshot.by_object.get, assignment.guess.duties.ends)
     needed |= {task.activity for some in filter(None, drives) for task in some}
     extras = frozenset(n for options in jobs.options for o in options for n in o.extras)
-    return (extras | {*assignment.drives_home().values()}) - needed
+    last = {r: len(tour) - 1 for r, tour in assignment.tours.items()}
+    homes = {some[last[r]] for r, some in assignment.drives_home().items() if last[r] in some}
+    return (extras | homes) - needed
 
 
 def candidate_of(
@@ -313,7 +315,8 @@ def candidate_of(
     """
     charging = assignment.evaluator.charging(assignment.tours)
     some = dict.fromkeys((large.beside,) if large.doors else (charging, large.beside))
-    found = (_candidate(large, assignment, deadline, beside, start) for beside in some)
+    ways = ((beside, lean) for beside in some for lean in (not beside, False))
+    found = (_candidate(large, assignment, deadline, *way, start) for way in dict.fromkeys(ways))
     return next(filter(None, found), None)
 
 
@@ -322,10 +325,11 @@ def _candidate(
     assignment: Assignment,
     deadline: Deadline,
     beside: frozenset[Stop],
+    lean: bool,
     start: CandidateSchedule | None,
 ) -> tuple[Search, Itinerary] | None:
-    names = [a.name for a in large.problem.activities]
-    problem = thinned(large.problem, decided_by(assignment, names, beside))
+    some = decided_by(assignment, large.problem.activities, beside, lean=lean)
+    problem = thinned(large.problem, some)
     state_order(problem, assignment)
     inner = large.open_thin(problem, deadline)
     inner.start = start

@@ -167,7 +167,7 @@ class TravelTimeModel:
         """
         names = [
             *sorted(option.extras),
-            self.duties.drives_home.get((option.robot, option.exit), ""),
+            *self.duties.drives_home.get((option.robot, option.exit), ()),
         ]
         ways = [self._ways_on[n] for n in names if n in self._ways_on]
         aside = next((b for a, b in ways if a == option.exit and b != a), None)
