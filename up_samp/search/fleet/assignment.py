@@ -15,12 +15,14 @@ from collections import Counter, defaultdict
 from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
+from types import MappingProxyType
 
 import numpy as np
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity
 
 from up_samp.model import CandidateSchedule, Configuration, Deadline
+from up_samp.model.graphs import grouped
 from up_samp.model.snapshot import TermKind
 from up_samp.search.fleet.evaluator import AssignmentEvaluator, Step, Stop
 from up_samp.search.fleet.evaluator_kernel import CostWeights, anneal, drawn, insert
@@ -34,6 +36,11 @@ _AT_ONCE = 4_000
 """Changes after which is seen whether there is time left."""
 _WARM = 0.1
 """Share of all cost by which a change may be worse at first, with the usual power of ends."""
+
+
+ChosenDrives = Mapping[str, Mapping[int, Sequence[str]]]
+"""By robot, by the number of the job of its tour: the drives that it makes for it, by name."""
+NO_DRIVES: ChosenDrives = MappingProxyType({})
 
 
 @dataclass
@@ -255,25 +262,25 @@ def decided_by(
     assignment: Assignment,
     activities: Sequence[Activity],
     beside: Collection[Stop] = (),
-    *,
-    lean: bool = False,
+    chosen: ChosenDrives = NO_DRIVES,
 ) -> frozenset[str]:
     """Return the activities that may be present if everybody does what is assigned, and makes use
     of what may come of a job only in the end (to go home). Robots may drive to and from what is
-    ``beside`` their tours.
-
-    :param lean: whether of drives that are alike only as many are left as a tour has.
+    ``beside`` their tours. Of drives that are alike only those are left that are ``chosen``.
     """
     jobs, loads = assignment.jobs, assignment.guess.duties.loads
-    chosen = {(j, k) for tour in assignment.tours.values() for j, k in tour}
+    done = {(j, k) for tour in assignment.tours.values() for j, k in tour}
     gone = {o.leader for j, options in enumerate(jobs.options) for k, o in enumerate(options)
-            if (j, k) not in chosen}  # fmt: skip
+            if (j, k) not in done}  # fmt: skip
     for robot, tour in assignment.tours.items():
         for j, k in tour[: -loads.get(robot, 1)]:
             gone |= jobs.options[j][k].extras
-    names = frozenset(a.name for a in activities)
     gone = {*jobs.without(gone), *_detours(assignment, beside)}
-    return names - gone - (_needless(assignment, activities, gone) if lean else set())
+    names = {n for mine in chosen.values() for some in mine.values() for n in some}
+    by_name = dict(_free_drives(assignment))
+    drives = {by_name[name] for name in names}
+    gone |= {name for name, drive in by_name.items() if drive in drives} - names
+    return frozenset(a.name for a in activities) - gone
 
 
 def _detours(assignment: Assignment, beside: Collection[Stop]) -> set[str]:
@@ -308,26 +315,27 @@ def _free_drives(assignment: Assignment) -> Iterator[tuple[str, OneDrive]]:
             yield task.activity, (task.object, a, b)
 
 
-def _needless(
-    assignment: Assignment, activities: Sequence[Activity], gone: Collection[str]
-) -> set[str]:
-    """Return drives of which there are more, alike by what they take and change, than a tour has
-    (of a robot that has one job under way at a time).
+def drives_chosen(assignment: Assignment, activities: Sequence[Activity]) -> ChosenDrives:
+    """Return the drives that robots make on their tours where all that lead there are alike: nobody
+    has to look for which of them then. (Who may have several jobs under way chooses its way.)
     """
-    tours, loads = assignment.tours, assignment.guess.duties.loads
-    drives = Counter((r, *way) for r in tours.keys() - loads for way in _drives(assignment, r))
-    known, seen, found = {a.name: a for a in activities}, Counter[Hashable](), set()
-    for name, drive in _free_drives(assignment):
-        if name in known and name not in gone and drive in drives:
-            kind = drive, _asks(known[name])
-            seen[kind] += 1
-            if seen[kind] > drives[drive]:
-                found.add(name)
+    known, drives = {a.name: a for a in activities}, dict(_free_drives(assignment))
+    named = grouped(drives, drives.__getitem__)
+    alike = {d: some for d, some in named.items() if len({_asks(known[n]) for n in some}) == 1}
+    left, found = {d: iter(some) for d, some in alike.items()}, dict[str, dict[int, list[str]]]()
+    for robot in assignment.tours.keys() - assignment.guess.duties.loads.keys():
+        mine = found.setdefault(robot, defaultdict(list))
+        rests = assignment.drives_home().get(robot, {})
+        for number, a, b in _drives(assignment, robot):
+            rest = rests.get(number, "")
+            drive = robot, a, b
+            some = iter([rest]) if drives.get(rest) == drive else left.get(drive, iter(()))
+            mine[number] += itertools.islice(some, 1)
     return found
 
 
 def _asks(activity: Activity) -> Hashable:
-    """Return what an activity takes and changes, as far as it tells it from others."""
+    """Return what an activity takes, asks for and changes, whenever that is."""
     effects = itertools.chain(*activity.effects.values())
     changes = frozenset((e.fluent, e.value, e.kind, e.condition) for e in effects)
     conditions = frozenset(itertools.chain(*activity.conditions.values()))
@@ -336,7 +344,7 @@ def _asks(activity: Activity) -> Hashable:
 
 def _all_ways(assignment: Assignment, robot: str) -> list[tuple[Configuration, Configuration]]:
     """Return from where to where a robot drives for its jobs, and home."""
-    found = sorted({*_drives(assignment, robot)})
+    found = sorted({(a, b) for _, a, b in _drives(assignment, robot)})
     if assignment.tours[robot]:
         j, k = assignment.tours[robot][-1]
         option = assignment.jobs.options[j][k]
@@ -345,21 +353,23 @@ def _all_ways(assignment: Assignment, robot: str) -> list[tuple[Configuration, C
     return found
 
 
-def _drives(assignment: Assignment, robot: str) -> list[tuple[Configuration, Configuration]]:
-    """Return from where to where a robot drives on its tour, drive by drive: for its jobs, and out
-    of the way between them and in the end.
+def _drives(
+    assignment: Assignment, robot: str
+) -> Iterator[tuple[int, Configuration, Configuration]]:
+    """Yield the drives of a tour, in order: the number of the job, from where, to where. They are
+    for the jobs, and out of the way between them and in the end.
     """
-    snapshot, found = assignment.guess.snapshot, list[tuple[Configuration, Configuration]]()
+    snapshot = assignment.guess.snapshot
     home = here = snapshot.configurations[snapshot.initial[robot]]
     rests = assignment.drives_home().get(robot, {})
     for number, (j, k) in enumerate(assignment.tours[robot]):
         option = assignment.jobs.options[j][k]
-        found += [(here, option.entry), *option.legs]
+        for a, b in ((here, option.entry), *option.legs):
+            yield number, a, b
         here = option.exit
         if number in rests:
-            found.append((here, home))
+            yield number, here, home
             here = home
-    return found
 
 
 def _ways_between(
@@ -368,7 +378,7 @@ def _ways_between(
     """Return from where to where a robot may drive for its jobs, in whatever order it comes by the
     stops of those that it may have under way at once, and where it may be when all are done.
     """
-    found, tour = {*_drives(assignment, robot)}, assignment.tours[robot]
+    found, tour = {(a, b) for _, a, b in _drives(assignment, robot)}, assignment.tours[robot]
     some = [assignment.jobs.options[j][k] for j, k in tour]
     start = assignment.guess.snapshot.configurations[assignment.guess.snapshot.initial[robot]]
     last = some[-1].exit if some else start
@@ -383,9 +393,12 @@ def _ways_between(
     return found, set().union({last}, *stops[-many:])
 
 
-def state_order(problem: SchedulingMotionProblem, assignment: Assignment) -> None:
-    """State in a thinned problem that everything is done as assigned, in that order. Of
-    jobs that a robot may have under way at once, the scheduler finds the order.
+def state_order(
+    problem: SchedulingMotionProblem, assignment: Assignment, chosen: ChosenDrives = NO_DRIVES
+) -> None:
+    """State in a thinned problem that everything is done as assigned, in that order, with the
+    drives that are ``chosen``. Of jobs that a robot may have under way at once, the scheduler finds
+    the order.
     """
     manager = problem.environment.expression_manager
     activities, home = {a.name: a for a in problem.activities}, assignment.drives_home()
@@ -394,7 +407,8 @@ def state_order(problem: SchedulingMotionProblem, assignment: Assignment) -> Non
         for at, (j, k) in enumerate(tour):
             option = assignment.jobs.options[j][k]
             names = sorted(option.members | option.extras)
-            names += filter(None, [home.get(robot, {}).get(at)])
+            names += chosen.get(robot, {}).get(at, ())
+            names += {*filter(None, [home.get(robot, {}).get(at)])}.difference(names)
             mine = [activities[n] for n in names if n in activities]
             before = [*itertools.chain(*steps[max(at - 2 * many + 1, 0) : max(at - many + 1, 0)])]
             for a in mine:

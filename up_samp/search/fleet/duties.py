@@ -90,9 +90,7 @@ def _ends(
             yield robot, snapshot.configurations[place]
 
 
-def _drives_home(
-    snapshot: Snapshot, jobs: Jobs
-) -> dict[tuple[str, Configuration], list[str]]:
+def _drives_home(snapshot: Snapshot, jobs: Jobs) -> dict[tuple[str, Configuration], list[str]]:
     """Return the drives that hang on no job, by robot and from where, that bring it back to where
     it is at first, if no job is done there: whoever has done its last one, or waits for the next
     one, may be in others' way.

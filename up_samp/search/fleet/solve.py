@@ -43,10 +43,12 @@ from up_samp.search.due import due_too_soon
 from up_samp.search.events import Phase
 from up_samp.search.facts import Choices, MotionCase
 from up_samp.search.fleet.assignment import (
+    NO_DRIVES,
     Assignment,
     assign,
     assignment_of_plan,
     decided_by,
+    drives_chosen,
     in_stated_order,
     state_order,
 )
@@ -328,9 +330,10 @@ def _candidate(
     lean: bool,
     start: CandidateSchedule | None,
 ) -> tuple[Search, Itinerary] | None:
-    some = decided_by(assignment, large.problem.activities, beside, lean=lean)
-    problem = thinned(large.problem, some)
-    state_order(problem, assignment)
+    activities = large.problem.activities
+    chosen = drives_chosen(assignment, activities) if lean else NO_DRIVES
+    problem = thinned(large.problem, decided_by(assignment, activities, beside, chosen))
+    state_order(problem, assignment, chosen)
     inner = large.open_thin(problem, deadline)
     inner.start = start
     try:
