@@ -26,6 +26,7 @@ from up_samp.upio import read_problem
 from up_samp.validation import validate_plan
 
 STARTS = {"r0": (3.0, 3.0), "r1": (3.0, 8.0), "r2": (11.0, 3.0)}
+NOBODY = {robot: {} for robot in STARTS}
 ONLY = (11.0, 8.0, 0.0)
 """The one station."""
 
@@ -74,6 +75,7 @@ def test_whoever_ends_where_others_come_has_a_drive_back(seed):
     assignment = assigned_to(site(seed), (0, 0, 0, 0, 2, 2))
     assert assignment.drives_home() == {
         "r0": {3: "move_r0_station_to_at_r0"},
+        "r1": {},
         "r2": {1: "move_r2_station_to_at_r2"},
     }
     homes = {
@@ -83,8 +85,8 @@ def test_whoever_ends_where_others_come_has_a_drive_back(seed):
 
 
 def test_nobody_drives_back_who_is_alone_at_a_station_or_has_an_end():
-    assert assigned_to(site(0), (1,) * 6).drives_home() == {}
-    assert assigned_to(site(0, ends=True), (0, 0, 1, 1, 2, 2)).drives_home() == {}
+    assert assigned_to(site(0), (1,) * 6).drives_home() == NOBODY
+    assert assigned_to(site(0, ends=True), (0, 0, 1, 1, 2, 2)).drives_home() == NOBODY
 
 
 @pytest.mark.parametrize("seed", usually(1, of=range(2)))

@@ -12,9 +12,9 @@ import itertools
 import math
 import random
 from collections import Counter, defaultdict
-from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from types import MappingProxyType
 
 import numpy as np
@@ -66,63 +66,75 @@ class Assignment:
         number of the job of its tour that they come after: the last one, beside those that may come
         of it, and those before which it waits so long for the next one that there is time for it.
         """
-        duties, options, found = self.guess.duties, self.jobs.options, dict[str, dict[int, str]]()
-        work = {r: [options[j][k] for j, k in tour] for r, tour in self.tours.items() if tour}
+        options, duties = self.jobs.options, self.guess.duties
+        work = {r: [options[j][k] for j, k in tour] for r, tour in self.tours.items()}
         stops = Counter(p for some in work.values() for p in {p for o in some for p in o.stops})
-        for robot, some in work.items():
-            last, waits = len(some) - 1, dict(self._waits(robot, some))
-            first = [last] * (robot not in duties.ends)
-            for at in (*first, *sorted(waits, key=lambda at: (-waits[at], at))):
-                exit_, mine = some[at].exit, found.setdefault(robot, {})
-                drives = duties.drives_home.get((robot, exit_), ())
-                left = [name for name in drives if name not in mine.values()]
-                if left and stops[exit_] > 1 and robot not in duties.loads:
-                    mine[at] = left[0]
-        return {robot: mine for robot, mine in found.items() if mine}
+        left = {key: iter(names) for key, names in duties.drives_home.items()}
+        found: dict[str, dict[int, str]] = {robot: {} for robot in work}
+        for robot in work.keys() - duties.loads.keys():
+            for _, at in sorted(self._waits(robot, work[robot]), reverse=True):
+                exit_ = work[robot][at].exit
+                names = left.get((robot, exit_), iter(()))
+                found[robot].update((at, n) for n in itertools.islice(names, stops[exit_] > 1))
+        return found
 
-    def _waits(self, robot: str, some: Sequence[WorkMode]) -> Iterator[tuple[int, float]]:
-        """Yield the numbers of the jobs of a tour after which a robot could go to where it is at
-        first, and how much longer (s) than that it would wait until the next one is released.
+    def _waits(self, robot: str, some: Sequence[WorkMode]) -> Iterator[tuple[float, int]]:
+        """Yield how much longer (s) than for the way to where a robot is at first, and on from
+        there, it waits until its next job is released, and the number of the job after which it
+        does: for ever (``inf``) after the last one, if it may end anywhere.
         """
-        snapshot, ride = self.guess.snapshot, self.guess.ride
+        snapshot, ride, done = self.guess.snapshot, self.guess.ride, 0.0
         home = here = snapshot.configurations[snapshot.initial[robot]]
-        done = 0.0
         for number, option in enumerate(some):
-            begin = max(
-                done + ride(robot, here, option.entry), option.release * snapshot.seconds_per_unit
-            )
+            came = done + ride(robot, here, option.entry)
+            begin = max(came, option.release * snapshot.seconds_per_unit)
             left = begin - done - ride(robot, here, home) - ride(robot, home, option.entry)
             if number and left > 0.0:
-                yield number - 1, left
+                yield left, number - 1
             done = begin + option.work + self.guess.pause(option)
             done += sum(ride(robot, a, b) for a, b in option.legs)
             here = option.exit
+        if some and robot not in self.guess.duties.ends:
+            yield math.inf, len(some) - 1
+
+    def drives(self) -> dict[str, list[tuple[int, OneDrive]]]:
+        """Return by robot the drives of its tour, in order, each with the number of the job that it
+        belongs to: for the jobs, and out of the way behind them.
+        """
+        snapshot, rests = self.guess.snapshot, self.drives_home()
+        found: dict[str, list[tuple[int, OneDrive]]] = {robot: [] for robot in self.tours}
+        for robot, tour in self.tours.items():
+            home = here = snapshot.configurations[snapshot.initial[robot]]
+            for number, (j, k) in enumerate(tour):
+                option = self.jobs.options[j][k]
+                legs = [(here, option.entry), *option.legs]
+                here = option.exit
+                if number in rests[robot]:
+                    legs.append((here, home))
+                    here = home
+                found[robot] += [(number, (robot, a, b)) for a, b in legs]
+        return found
+
+    def ways(self) -> list[OneDrive]:
+        """Return all drives that are made, also those home that may be."""
+        found = {drive for some in self.drives().values() for _, drive in some}
+        for robot, tour in self.tours.items():
+            option = self.jobs.options[tour[-1][0]][tour[-1][1]] if tour else None
+            home = None if option is None else self.guess.home(option)
+            if option is not None and home is not None:
+                found.add((robot, option.exit, home))
+        return sorted(found)
 
     def handovers(self) -> list[tuple[OneDrive, OneDrive]]:
         """Return the drives by which robots leave places, with those by which others come there."""
-        snapshot, leaving, coming = self.guess.snapshot, *(defaultdict(list) for _ in range(2))
-        for robot, tour in sorted(self.tours.items()):
-            some = [self.jobs.options[j][k] for j, k in tour]
-            stops = [place for option in some for place in option.stops]
-            home = self.guess.home(some[-1]) if some else None
-            if home is not None:
-                leaving[stops[-1]].append((robot, stops[-1], home))
-            start = snapshot.configurations[snapshot.initial[robot]]
-            for a, b in itertools.pairwise(
-                place for place, _ in itertools.groupby([start, *stops])
-            ):
-                leaving[a].append((robot, a, b))
-                coming[b].append((robot, a, b))
+        ways = [drive for drive in self.ways() if drive[1] != drive[2]]
+        leaving, coming = grouped(ways, itemgetter(1)), grouped(ways, itemgetter(2))
         return [
             (one, other)
             for place in sorted(leaving)
-            for one, other in itertools.product(leaving[place], coming[place])
+            for one, other in itertools.product(leaving[place], coming.get(place, ()))
             if one[0] != other[0]
         ]
-
-    def ways(self) -> list[OneDrive]:
-        """Return all drives that are made, also those home."""
-        return [(robot, a, b) for robot in sorted(self.tours) for a, b in _all_ways(self, robot)]
 
 
 def assign(
@@ -291,7 +303,8 @@ def _detours(assignment: Assignment, beside: Collection[Stop]) -> set[str]:
     """
     options = [o for some in assignment.jobs.options for o in some]
     stops = {pose for o in options for leg in (*o.legs, (o.entry, o.exit)) for pose in leg}
-    tours = {robot: _ways_between(assignment, robot) for robot in assignment.tours}
+    drives = assignment.drives().items()
+    tours = {robot: _ways_between(assignment, robot, some) for robot, some in drives}
     found = set()
     for name, (robot, a, b) in _free_drives(assignment):
         ways, last = tours[robot]
@@ -319,17 +332,16 @@ def drives_chosen(assignment: Assignment, activities: Sequence[Activity]) -> Cho
     """Return the drives that robots make on their tours where all that lead there are alike: nobody
     has to look for which of them then. (Who may have several jobs under way chooses its way.)
     """
-    known, drives = {a.name: a for a in activities}, dict(_free_drives(assignment))
-    named = grouped(drives, drives.__getitem__)
-    alike = {d: some for d, some in named.items() if len({_asks(known[n]) for n in some}) == 1}
-    left, found = {d: iter(some) for d, some in alike.items()}, dict[str, dict[int, list[str]]]()
-    for robot in assignment.tours.keys() - assignment.guess.duties.loads.keys():
+    known, free = {a.name: a for a in activities}, dict(_free_drives(assignment))
+    rests, loads = assignment.drives_home(), assignment.guess.duties.loads
+    named = grouped(free, free.__getitem__).items()
+    left = {d: iter(some) for d, some in named if len({_asks(known[n]) for n in some}) == 1}
+    found: dict[str, dict[int, list[str]]] = {}
+    for robot, drives in assignment.drives().items():
         mine = found.setdefault(robot, defaultdict(list))
-        rests = assignment.drives_home().get(robot, {})
-        for number, a, b in _drives(assignment, robot):
-            rest = rests.get(number, "")
-            drive = robot, a, b
-            some = iter([rest]) if drives.get(rest) == drive else left.get(drive, iter(()))
+        for number, drive in drives if robot not in loads else ():
+            rest = rests[robot].get(number, "")
+            some = iter([rest]) if free.get(rest) == drive else left.get(drive, iter(()))
             mine[number] += itertools.islice(some, 1)
     return found
 
@@ -342,44 +354,14 @@ def _asks(activity: Activity) -> Hashable:
     return activity.duration.lower, activity.duration.upper, changes, conditions
 
 
-def _all_ways(assignment: Assignment, robot: str) -> list[tuple[Configuration, Configuration]]:
-    """Return from where to where a robot drives for its jobs, and home."""
-    found = sorted({(a, b) for _, a, b in _drives(assignment, robot)})
-    if assignment.tours[robot]:
-        j, k = assignment.tours[robot][-1]
-        option = assignment.jobs.options[j][k]
-        home = assignment.guess.home(option)
-        found += [] if home is None else [(option.exit, home)]
-    return found
-
-
-def _drives(
-    assignment: Assignment, robot: str
-) -> Iterator[tuple[int, Configuration, Configuration]]:
-    """Yield the drives of a tour, in order: the number of the job, from where, to where. They are
-    for the jobs, and out of the way between them and in the end.
-    """
-    snapshot = assignment.guess.snapshot
-    home = here = snapshot.configurations[snapshot.initial[robot]]
-    rests = assignment.drives_home().get(robot, {})
-    for number, (j, k) in enumerate(assignment.tours[robot]):
-        option = assignment.jobs.options[j][k]
-        for a, b in ((here, option.entry), *option.legs):
-            yield number, a, b
-        here = option.exit
-        if number in rests:
-            yield number, here, home
-            here = home
-
-
 def _ways_between(
-    assignment: Assignment, robot: str
+    assignment: Assignment, robot: str, drives: Iterable[tuple[int, OneDrive]]
 ) -> tuple[set[tuple[Configuration, Configuration]], set[Configuration]]:
     """Return from where to where a robot may drive for its jobs, in whatever order it comes by the
     stops of those that it may have under way at once, and where it may be when all are done.
     """
-    found, tour = {(a, b) for _, a, b in _drives(assignment, robot)}, assignment.tours[robot]
-    some = [assignment.jobs.options[j][k] for j, k in tour]
+    found = {(a, b) for _, (_, a, b) in drives}
+    some = [assignment.jobs.options[j][k] for j, k in assignment.tours[robot]]
     start = assignment.guess.snapshot.configurations[assignment.guess.snapshot.initial[robot]]
     last = some[-1].exit if some else start
     many = assignment.guess.duties.loads.get(robot, 1)
@@ -408,7 +390,7 @@ def state_order(
             option = assignment.jobs.options[j][k]
             names = sorted(option.members | option.extras)
             names += chosen.get(robot, {}).get(at, ())
-            names += {*filter(None, [home.get(robot, {}).get(at)])}.difference(names)
+            names += {*filter(None, [home[robot].get(at)])}.difference(names)
             mine = [activities[n] for n in names if n in activities]
             before = [*itertools.chain(*steps[max(at - 2 * many + 1, 0) : max(at - many + 1, 0)])]
             for a in mine:

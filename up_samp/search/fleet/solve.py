@@ -298,9 +298,9 @@ def homes_of(problem: SchedulingMotionProblem, assignment: Assignment) -> frozen
     drives = map(snapshot.by_object.get, assignment.guess.duties.ends)
     needed |= {task.activity for some in filter(None, drives) for task in some}
     extras = frozenset(n for options in jobs.options for o in options for n in o.extras)
-    last = {r: len(tour) - 1 for r, tour in assignment.tours.items()}
-    homes = {some[last[r]] for r, some in assignment.drives_home().items() if last[r] in some}
-    return (extras | homes) - needed
+    rests, tours = assignment.drives_home(), assignment.tours.items()
+    last = {rests[robot].get(len(tour) - 1, "") for robot, tour in tours}
+    return (extras | last) - needed - {""}
 
 
 def candidate_of(
