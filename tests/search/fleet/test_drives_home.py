@@ -74,9 +74,9 @@ def assigned_to(problem, owners):
 def test_whoever_ends_where_others_come_has_a_drive_back(seed):
     assignment = assigned_to(site(seed), (0, 0, 0, 0, 2, 2))
     assert assignment.drives_home() == {
-        "r0": {3: "move_r0_station_to_at_r0"},
+        "r0": {3: ["move_r0_station_to_at_r0"]},
         "r1": {},
-        "r2": {1: "move_r2_station_to_at_r2"},
+        "r2": {1: ["move_r2_station_to_at_r2"]},
     }
     homes = {
         o.robot: assignment.guess.home(o) for options in assignment.jobs.options for o in options

@@ -11,9 +11,11 @@ from __future__ import annotations
 import itertools
 import math
 import random
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import pairwise, starmap
 from operator import attrgetter, itemgetter
 from types import MappingProxyType
 
@@ -38,8 +40,9 @@ _WARM = 0.1
 """Share of all cost by which a change may be worse at first, with the usual power of ends."""
 
 
-ChosenDrives = Mapping[str, Mapping[int, Sequence[str]]]
-"""By robot, by the number of the job of its tour: the drives that it makes for it, by name."""
+ChosenDrives = Mapping[str, Sequence[tuple[int, str]]]
+"""By robot, in order: the number of a job of its tour, and the name of a drive that it makes then.
+"""
 NO_DRIVES: ChosenDrives = MappingProxyType({})
 
 
@@ -61,27 +64,31 @@ class Assignment:
         """All jobs, with the ways to do each."""
         return self.evaluator.jobs
 
-    def drives_home(self) -> dict[str, dict[int, str]]:
+    def drives_home(self) -> dict[str, dict[int, list[str]]]:
         """Return by robot the drives out of the way of others that have to be where it is, by the
         number of the job of its tour that they come after: the last one, beside those that may come
         of it, and those before which it waits so long for the next one that there is time for it.
+        One of them is made: who may have several jobs under way ends in one place or another.
         """
         options, duties = self.jobs.options, self.guess.duties
         work = {r: [options[j][k] for j, k in tour] for r, tour in self.tours.items()}
         stops = Counter(p for some in work.values() for p in {p for o in some for p in o.stops})
         left = {key: iter(names) for key, names in duties.drives_home.items()}
-        found: dict[str, dict[int, str]] = {robot: {} for robot in work}
-        for robot in work.keys() - duties.loads.keys():
-            for _, at in sorted(self._waits(robot, work[robot]), reverse=True):
-                exit_ = work[robot][at].exit
-                names = left.get((robot, exit_), iter(()))
-                found[robot].update((at, n) for n in itertools.islice(names, stops[exit_] > 1))
+        found: dict[str, dict[int, list[str]]] = {robot: {} for robot in work}
+        for robot, some in work.items():
+            for _, at in sorted(self._waits(robot, some), reverse=True):
+                before = max(at + 1 - duties.loads.get(robot, 1), 0)
+                exits = sorted({option.exit for option in some[before : at + 1]})
+                names = [next(left.get((robot, exit_), iter(())), "") for exit_ in exits]
+                if all(names) and max(stops[exit_] for exit_ in exits) > 1:
+                    found[robot][at] = names
         return found
 
     def _waits(self, robot: str, some: Sequence[WorkMode]) -> Iterator[tuple[float, int]]:
         """Yield how much longer (s) than for the way to where a robot is at first, and on from
         there, it waits until its next job is released, and the number of the job after which it
-        does: for ever (``inf``) after the last one, if it may end anywhere.
+        does: for ever (``inf``) after the last one, if it may end anywhere. (Only that is told of
+        who may have several jobs under way.)
         """
         snapshot, ride, done = self.guess.snapshot, self.guess.ride, 0.0
         home = here = snapshot.configurations[snapshot.initial[robot]]
@@ -89,7 +96,7 @@ class Assignment:
             came = done + ride(robot, here, option.entry)
             begin = max(came, option.release * snapshot.seconds_per_unit)
             left = begin - done - ride(robot, here, home) - ride(robot, home, option.entry)
-            if number and left > 0.0:
+            if number and left > 0.0 and robot not in self.guess.duties.loads:
                 yield left, number - 1
             done = begin + option.work + self.guess.pause(option)
             done += sum(ride(robot, a, b) for a, b in option.legs)
@@ -102,17 +109,35 @@ class Assignment:
         belongs to: for the jobs, and out of the way behind them.
         """
         snapshot, rests = self.guess.snapshot, self.drives_home()
-        found: dict[str, list[tuple[int, OneDrive]]] = {robot: [] for robot in self.tours}
-        for robot, tour in self.tours.items():
+        found: dict[str, list[tuple[int, OneDrive]]] = {}
+        for robot in self.tours:
             home = here = snapshot.configurations[snapshot.initial[robot]]
-            for number, (j, k) in enumerate(tour):
-                option = self.jobs.options[j][k]
-                legs = [(here, option.entry), *option.legs]
-                here = option.exit
-                if number in rests[robot]:
-                    legs.append((here, home))
+            stops, mine = self._stops(robot), found.setdefault(robot, [])
+            last = {number: at for at, (number, _) in enumerate(stops)}
+            for at, (number, there) in enumerate(stops):
+                mine.append((number, (robot, here, there)))
+                here = there
+                if number in rests[robot] and last[number] == at:
+                    mine.append((number, (robot, here, home)))
                     here = home
-                found[robot] += [(number, (robot, a, b)) for a, b in legs]
+        return found
+
+    def _stops(self, robot: str) -> list[tuple[int, Configuration]]:
+        """Return where a robot works on its tour, with the number of the job. Who may have two jobs
+        under way fetches for the second one before it brings the first one, where that is sooner.
+        """
+        found, ride = list[tuple[int, Configuration]](), partial(self.guess.ride, robot)
+        some, paired = [self.jobs.options[j][k] for j, k in self.tours[robot]], False
+        for number, option in enumerate(some):
+            mine, before = option.stops, some[number - 1].stops if number else []
+            free = robot in self.guess.duties.loads and not paired
+            if paired := free and len(mine) == len(before) == 2:
+                ways = (before + mine, [before[0], mine[0], before[1], mine[1]])
+                apart, together = (sum(starmap(ride, pairwise(way))) for way in ways)
+                paired = together < apart
+            found += [(number, pose) for pose in mine]
+            if paired:
+                found[-3:-1] = found[-2], found[-3]
         return found
 
     def ways(self) -> list[OneDrive]:
@@ -288,7 +313,7 @@ def decided_by(
         for j, k in tour[: -loads.get(robot, 1)]:
             gone |= jobs.options[j][k].extras
     gone = {*jobs.without(gone), *_detours(assignment, beside)}
-    names = {n for mine in chosen.values() for some in mine.values() for n in some}
+    names = {name for mine in chosen.values() for _, name in mine}
     by_name = dict(_free_drives(assignment))
     drives = {by_name[name] for name in names}
     gone |= {name for name, drive in by_name.items() if drive in drives} - names
@@ -330,19 +355,18 @@ def _free_drives(assignment: Assignment) -> Iterator[tuple[str, OneDrive]]:
 
 def drives_chosen(assignment: Assignment, activities: Sequence[Activity]) -> ChosenDrives:
     """Return the drives that robots make on their tours where all that lead there are alike: nobody
-    has to look for which of them then. (Who may have several jobs under way chooses its way.)
+    has to look for which of them, and when, then.
     """
     known, free = {a.name: a for a in activities}, dict(_free_drives(assignment))
-    rests, loads = assignment.drives_home(), assignment.guess.duties.loads
-    named = grouped(free, free.__getitem__).items()
+    rests, named = assignment.drives_home(), grouped(free, free.__getitem__).items()
     left = {d: iter(some) for d, some in named if len({_asks(known[n]) for n in some}) == 1}
-    found: dict[str, dict[int, list[str]]] = {}
+    found: dict[str, list[tuple[int, str]]] = {}
     for robot, drives in assignment.drives().items():
-        mine = found.setdefault(robot, defaultdict(list))
-        for number, drive in drives if robot not in loads else ():
-            rest = rests[robot].get(number, "")
-            some = iter([rest]) if free.get(rest) == drive else left.get(drive, iter(()))
-            mine[number] += itertools.islice(some, 1)
+        mine = found.setdefault(robot, [])
+        for number, drive in drives:
+            rest = [n for n in rests[robot].get(number, ()) if free.get(n) == drive]
+            some = iter(rest) if rest else left.get(drive, iter(()))
+            mine += ((number, name) for name in itertools.islice(some, 1))
     return found
 
 
@@ -382,21 +406,33 @@ def state_order(
     drives that are ``chosen``. Of jobs that a robot may have under way at once, the scheduler finds
     the order.
     """
-    manager = problem.environment.expression_manager
-    activities, home = {a.name: a for a in problem.activities}, assignment.drives_home()
+    any_of = problem.environment.expression_manager.Or
+    activities, rests = {a.name: a for a in problem.activities}, assignment.drives_home()
     for robot, tour in assignment.tours.items():
         many, steps = assignment.guess.duties.loads.get(robot, 1), list[list[Activity]]()
         for at, (j, k) in enumerate(tour):
-            option = assignment.jobs.options[j][k]
-            names = sorted(option.members | option.extras)
-            names += chosen.get(robot, {}).get(at, ())
-            names += {*filter(None, [home[robot].get(at)])}.difference(names)
-            mine = [activities[n] for n in names if n in activities]
-            before = [*itertools.chain(*steps[max(at - 2 * many + 1, 0) : max(at - many + 1, 0)])]
+            option, home = assignment.jobs.options[j][k], rests[robot].get(at, ())
+            drives = {name for number, name in chosen.get(robot, ()) if number == at}
+            names = drives.union(option.members, option.extras) - {*home}
+            mine = [activities[n] for n in sorted(names) if n in activities]
+            homes = [activities[n] for n in home if n in activities]
             for a in mine:
                 problem.add_constraint(a.present)
-                for earlier in before:
-                    problem.add_constraint(
-                        manager.LE(earlier.end, a.start), [earlier.present, a.present]
-                    )
-            steps.append(mine)
+            if homes:
+                problem.add_constraint(any_of([a.present for a in homes]))
+            begun = steps[max(at - 2 * many + 1, 0) :]
+            _state_after(problem, itertools.chain(*begun[: max(len(begun) - many + 1, 0)]), mine)
+            _state_after(problem, itertools.chain(*begun, mine), homes)
+            steps.append(mine + homes)
+        in_turn = [activities[name] for _, name in chosen.get(robot, ())]
+        for one, other in pairwise(in_turn):
+            _state_after(problem, [one], [other])
+
+
+def _state_after(
+    problem: SchedulingMotionProblem, first: Iterable[Activity], then: Iterable[Activity]
+) -> None:
+    """State that all of ``first`` that is there has ended before any of ``then`` begins."""
+    le = problem.environment.expression_manager.LE
+    for one, other in itertools.product(first, then):
+        problem.add_constraint(le(one.end, other.start), [one.present, other.present])

@@ -299,8 +299,8 @@ def homes_of(problem: SchedulingMotionProblem, assignment: Assignment) -> frozen
     needed |= {task.activity for some in filter(None, drives) for task in some}
     extras = frozenset(n for options in jobs.options for o in options for n in o.extras)
     rests, tours = assignment.drives_home(), assignment.tours.items()
-    last = {rests[robot].get(len(tour) - 1, "") for robot, tour in tours}
-    return (extras | last) - needed - {""}
+    last = (rests[robot].get(len(tour) - 1, ()) for robot, tour in tours)
+    return extras.union(*last) - needed
 
 
 def candidate_of(
