@@ -312,7 +312,7 @@ def decided_by(
     for robot, tour in assignment.tours.items():
         for j, k in tour[: -loads.get(robot, 1)]:
             gone |= jobs.options[j][k].extras
-    gone = {*jobs.without(gone), *_detours(assignment, beside)}
+    gone = {*jobs.without(gone), *_detours(assignment, beside, in_any_order=not chosen)}
     names = {name for mine in chosen.values() for _, name in mine}
     by_name = dict(_free_drives(assignment))
     drives = {by_name[name] for name in names}
@@ -320,16 +320,17 @@ def decided_by(
     return frozenset(a.name for a in activities) - gone
 
 
-def _detours(assignment: Assignment, beside: Collection[Stop]) -> set[str]:
+def _detours(assignment: Assignment, beside: Collection[Stop], *, in_any_order: bool) -> set[str]:
     """Return the drives between fixed places that are no part of a job and not on the way from one
     to the next: to the first stop, from stop to stop, and from the last one to where nothing is
-    done, if a robot has to be there in the end. (Stops of jobs that may be under way at once come
-    in any order.)
+    done, if a robot has to be there in the end.
+
+    :param in_any_order: whether stops of jobs that may be under way at once come in any order.
     """
     options = [o for some in assignment.jobs.options for o in some]
     stops = {pose for o in options for leg in (*o.legs, (o.entry, o.exit)) for pose in leg}
     drives = assignment.drives().items()
-    tours = {robot: _ways_between(assignment, robot, some) for robot, some in drives}
+    tours = {r: _ways_between(assignment, r, some, in_any_order) for r, some in drives}
     found = set()
     for name, (robot, a, b) in _free_drives(assignment):
         ways, last = tours[robot]
@@ -379,17 +380,21 @@ def _asks(activity: Activity) -> Hashable:
 
 
 def _ways_between(
-    assignment: Assignment, robot: str, drives: Iterable[tuple[int, OneDrive]]
+    assignment: Assignment,
+    robot: str,
+    drives: Iterable[tuple[int, OneDrive]],
+    in_any_order: bool,
 ) -> tuple[set[tuple[Configuration, Configuration]], set[Configuration]]:
-    """Return from where to where a robot may drive for its jobs, in whatever order it comes by the
-    stops of those that it may have under way at once, and where it may be when all are done.
+    """Return from where to where a robot may drive for its jobs, and where it may be when all are
+    done: as on its tour, or in whatever order it comes by the stops of those that it may have under
+    way at once.
     """
     found = {(a, b) for _, (_, a, b) in drives}
     some = [assignment.jobs.options[j][k] for j, k in assignment.tours[robot]]
     start = assignment.guess.snapshot.configurations[assignment.guess.snapshot.initial[robot]]
     last = some[-1].exit if some else start
     many = assignment.guess.duties.loads.get(robot, 1)
-    if many == 1:
+    if many == 1 or not in_any_order:
         return found, {last}
     stops = [{*option.stops} for option in some]
     for at, mine in enumerate(stops):
