@@ -306,9 +306,9 @@ def decided_by(
     ``beside`` their tours. Of drives that are alike only those are left that are ``chosen``.
     """
     jobs, loads = assignment.jobs, assignment.guess.duties.loads
-    done = {(j, k) for tour in assignment.tours.values() for j, k in tour}
-    gone = {o.leader for j, options in enumerate(jobs.options) for k, o in enumerate(options)
-            if (j, k) not in done}  # fmt: skip
+    done = [*itertools.chain(*assignment.tours.values())]
+    gone = {o.leader for options in jobs.options for o in options}
+    gone -= {jobs.options[j][k].leader for j, k in done}
     for robot, tour in assignment.tours.items():
         for j, k in tour[: -loads.get(robot, 1)]:
             gone |= jobs.options[j][k].extras

@@ -13,6 +13,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from graphlib import CycleError, TopologicalSorter
 
 from unified_planning.model import FNode, TimepointKind
@@ -35,6 +36,8 @@ from up_samp.upio.expressions import (
 )
 from up_samp.upio.movers import whereabouts
 
+_PLACES = 16
+"""Ways to choose the places of one job for one robot, at most."""
 Gaps = Mapping[tuple[str, str], int]
 """(a, b) -> units that are between the end of a and the start of b at least, if both are there."""
 Gap = Callable[[str, str], int]
@@ -250,6 +253,9 @@ class Jobs:
     """Activity -> those that have to be present with it."""
     crews: Mapping[int, int] = field(default_factory=dict)
     """Job -> the crew that it belongs to: see :func:`crews_of`."""
+    exact: bool = True
+    """Whether each option is the one way in which its leader can be there, and no job may be left
+    out or done by nobody: only then do bounds follow."""
 
     @property
     def of_members(self) -> dict[str, int]:
@@ -278,6 +284,7 @@ class Jobs:
 
 def find_jobs(problem: SchedulingMotionProblem, snapshot: Snapshot) -> Jobs | None:
     """Return the jobs of a problem, or None where some option is no work of one robot in the plane.
+    What stands for leaving a job out is left out itself: who assigns jobs has all of them done.
 
     Assumes: a disjunction of presences is said without a condition; what draws along is said of
     pairs.
@@ -291,16 +298,20 @@ def find_jobs(problem: SchedulingMotionProblem, snapshot: Snapshot) -> Jobs | No
     ways = {name for names, conditions in several if conditions for name in names}
     table = needs_in(stated)
     look = _Look(problem, snapshot, table)
-    found, known = [], set[frozenset[frozenset[str]]]()
+    found, known, exact = [], set[frozenset[frozenset[str]]](), True
     for names in clauses:
-        options = [look.option(name) for name in names]
-        if any(o is None for o in options):
+        modes = [look.options(name) for name in names]
+        if not any(modes) or not all(
+            m or look.by_nobody(n) for n, m in zip(names, modes, strict=True)
+        ):
             return None
-        work = frozenset(o.members for o in options if o is not None)
+        exact = exact and all(len(some) == 1 for some in modes)
+        options = tuple(itertools.chain(*modes))
+        work = frozenset(o.members for o in options)
         if work not in known:  # a pick and its delivery draw each other along: one job
             known.add(work)
-            found.append(tuple(o for o in options if o is not None))
-    jobs = Jobs(tuple(found), table)
+            found.append(options)
+    jobs = Jobs(tuple(found), table, exact=exact)
     jobs = replace(jobs, crews=crews_of(problem, jobs))
     return _with_extras(jobs, dues, ways) if found else None
 
@@ -425,7 +436,7 @@ class _Look:
         self._snapshot, self._needs = snapshot, Jobs((), needs)
         self._tasks = snapshot.by_activity
         self._lengths = {a.name: float(least(a.duration)) for a in problem.activities}
-        self._stands = activity_locations(problem, snapshot)
+        self._stands = stands_of(problem, snapshot)
         self._then: dict[str, set[str]] = defaultdict(set)
         for first, then in stated_precedences(problem):
             self._then[first].add(then)
@@ -434,19 +445,37 @@ class _Look:
             start = units - at_end * int(self._lengths[name])
             self._since[name] = max(start, self._since[name])
 
-    def option(self, leader: str) -> WorkMode | None:
-        """Return the work that an activity draws along, None where it is not one robot's."""
+    def by_nobody(self, leader: str) -> bool:
+        """Return whether nothing that an activity draws along drives, or is done where a robot
+        is.
+        """
         members = self._needs.drawn(leader)
-        driven = [task for name in sorted(members) for task in self._tasks.get(name, ())]
+        return not any(n in self._tasks or self._stands.get(n) for n in members)
+
+    def options(self, leader: str) -> list[WorkMode]:
+        """Return the work that an activity draws along, in each of the ways in which its places may
+        be chosen; nothing where it is not one robot's.
+        """
+        members = sorted(self._needs.drawn(leader))
+        driven = [task for name in members for task in self._tasks.get(name, ())]
         unit = self._snapshot.seconds_per_unit
-        work = sum(self._lengths[n] * unit for n in sorted(members) if n not in self._tasks)
-        found = self._driven(driven) if driven else self._standing(members)
-        if found is None:
-            return None
-        robot, entry, exit_, legs = found
+        work = sum(self._lengths[n] * unit for n in members if n not in self._tasks)
         since = max(self._since[name] for name in members)
-        way = robot, work, entry, exit_, legs
-        return WorkMode(leader, frozenset(members), *way, release=since)
+        ways = [self._driven(driven)] if driven else self._by_places(members)
+        if None in ways:
+            return []
+        some, lead = frozenset(members), partial(WorkMode, leader)
+        return [
+            lead(some, robot, work, entry, exit_, legs, release=since)
+            for robot, entry, exit_, legs in filter(None, ways)
+        ]
+
+    def _by_places(self, members: Sequence[str]) -> list[_Way | None]:
+        """Return the ways to do some activities, by where each is done."""
+        places = [sorted(self._stands.get(name, ())) for name in members]
+        few = math.prod(map(len, places)) <= _PLACES
+        chosen = itertools.product(*places) if few else ()
+        return [self._standing(dict(zip(members, some, strict=True))) for some in chosen]
 
     def _driven(self, driven: Sequence[MotionTask]) -> _Way | None:
         """Return whose way some drives are, from where to where."""
@@ -462,18 +491,17 @@ class _Look:
         last = sorted(ends - begins) or sorted(ends)
         return next(iter(robots)), pose[first[0]], pose[last[0]], legs
 
-    def _standing(self, members: set[str]) -> _Way | None:
+    def _standing(self, stands: Mapping[str, Stand]) -> _Way | None:
         """Return whose way it is to be where some activities are done, one after the other."""
-        told = [self._stands.get(name) for name in sorted(members)]
-        if None in told or len({stand[0] for stand in told if stand is not None}) != 1:
+        if len({robot for robot, _ in stands.values()}) != 1:
             return None
         # sorted: a set's order, which differs from process to process, would decide among equals
-        before = {m: sorted(n for n in members if m in self._then[n]) for m in sorted(members)}
+        before = {m: sorted(n for n in stands if m in self._then[n]) for m in sorted(stands)}
         try:
             order = list(TopologicalSorter(before).static_order())
         except CycleError:
             return None
-        stops = [self._stands[name] for name in order]
+        stops = [stands[name] for name in order]
         poses = [self._snapshot.configurations[place] for _, place in stops]
         legs = tuple((a, b) for a, b in itertools.pairwise(poses) if a != b)
         return stops[0][0], poses[0], poses[-1], legs
