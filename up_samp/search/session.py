@@ -127,7 +127,7 @@ def _look_for_jobs(search: Search) -> None:
         inner = partial(open_thin, search.problem, search.motions.service)
         in_parts = LargeProblem(problem, snapshot, jobs, inner, search.tuning, search.facts.choices)
         search.in_parts = partial(solve_large, in_parts)
-    elif driving and jobs.exact and search.start is None:
+    elif driving and search.start is None:
 
         def bound(search: Search) -> tuple[()]:
             state_bounds(search, problem, jobs, relative=False)

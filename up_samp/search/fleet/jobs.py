@@ -253,15 +253,21 @@ class Jobs:
     """Activity -> those that have to be present with it."""
     crews: Mapping[int, int] = field(default_factory=dict)
     """Job -> the crew that it belongs to: see :func:`crews_of`."""
-    exact: bool = True
-    """Whether each option is the one way in which its leader can be there, and no job may be left
-    out or done by nobody: only then do bounds follow."""
+    open: frozenset[int] = frozenset()
+    """Jobs that may be left out, or whose options are not told apart by their leaders, as places
+    are to be chosen: no bound follows from those."""
 
     @property
     def of_members(self) -> dict[str, int]:
         """Activity -> the job that it is a part of (the last one, of several)."""
         some = enumerate(self.options)
         return {name: j for j, options in some for o in options for name in o.members}
+
+    @property
+    def bounding(self) -> Jobs:
+        """Those from which bounds follow."""
+        some = (options for j, options in enumerate(self.options) if j not in self.open)
+        return Jobs(tuple(some), self.needs)
 
     def drawn(self, name: str) -> set[str]:
         """Return what has to be present with an activity, itself included."""
@@ -298,20 +304,24 @@ def find_jobs(problem: SchedulingMotionProblem, snapshot: Snapshot) -> Jobs | No
     ways = {name for names, conditions in several if conditions for name in names}
     table = needs_in(stated)
     look = _Look(problem, snapshot, table)
-    found, known, exact = [], set[frozenset[frozenset[str]]](), True
+    found, known, left_open = (
+        list[tuple[WorkMode, ...]](),
+        set[frozenset[frozenset[str]]](),
+        set[int](),
+    )
     for names in clauses:
         modes = [look.options(name) for name in names]
         if not any(modes) or not all(
             m or look.by_nobody(n) for n, m in zip(names, modes, strict=True)
         ):
             return None
-        exact = exact and all(len(some) == 1 for some in modes)
         options = tuple(itertools.chain(*modes))
         work = frozenset(o.members for o in options)
         if work not in known:  # a pick and its delivery draw each other along: one job
             known.add(work)
+            left_open |= set() if all(len(some) == 1 for some in modes) else {len(found)}
             found.append(options)
-    jobs = Jobs(tuple(found), table, exact=exact)
+    jobs = Jobs(tuple(found), table, open=frozenset(left_open))
     jobs = replace(jobs, crews=crews_of(problem, jobs))
     return _with_extras(jobs, dues, ways) if found else None
 

@@ -145,9 +145,8 @@ def solve_large(
             break
         if search.stopped:
             return conclude_stopped(search)
-    if large.jobs.exact:
-        with search.history.stages.of(STATING):
-            state_bounds(search, large.problem, large.jobs, relative=optimal)
+    with search.history.stages.of(STATING):
+        state_bounds(search, large.problem, large.jobs, relative=optimal)
     if found is not None:
         better = keep_if_better(search, found[0])
         if better is not None:

@@ -188,7 +188,7 @@ def state_bounds(
     try:
         deadline = search.budget.part("bounds of large problems")
         with in_force(deadline):
-            bound = JobsBound(problem, search.facts, service, jobs)
+            bound = JobsBound(problem, search.facts, service, jobs.bounding)
             bounds.beside = max(bounds.beside, bound.absolute(deadline))
             bounds.raise_lower(bounds.beside, relative=False)
             if not relative:
