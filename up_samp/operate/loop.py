@@ -121,7 +121,9 @@ class Operation(Day):
 
     def _load(self, first: Iterable[Order | Task]) -> None:
         self.jobs = self.store.jobs()
-        self.robots.day = self.store.day("begun", time.time_ns() // 1000)
+        # simulated days are all one: what is drawn there depends on names
+        mark = "" if self.clock.waits else f".{time.time_ns() // 10**6:x}"
+        self.mark = self.store.day("mark", mark)
         for key in ("away", "placed", "held", "unsure", "areas", "poses", "shut"):
             setattr(self, key, {**getattr(self, key), **(self.store.day(key) or {})})
         kept = self.store.snapshot()
@@ -660,6 +662,7 @@ class Operation(Day):
         self.number += 1
         question = Question(
             number=self.number,
+            mark=f"{self.number}{self.mark}",
             site=upkeep.from_now(self.site, now),
             folder=self.folder,
             cut=cut,

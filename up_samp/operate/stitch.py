@@ -76,6 +76,8 @@ class Question:
     kept: Kept
     jobs: tuple[Order | Task, ...]
     robots: tuple[str, ...]
+    mark: str = ""
+    """What no other plan has, on no other day either: its activities are called by it."""
     beside: tuple[str, ...] = ()
     """Those of them that may go to rest at another place, to be out of the way."""
     held: tuple[tuple[str, Order], ...] = ()
@@ -169,13 +171,13 @@ def _initial(executor: Executor, cut: Cut, motions: list[dict[str, Any]]) -> dic
 
 def stitched(ask: Question, new: PlanDict, meanings: Mapping[str, Meaning]) -> PlanDict:
     """Return one plan, in order, with its dependencies: of what is kept, and of a ``new`` one.
-    ``meanings`` are those of the new plan's activities, which get ``#number`` behind their names.
+    ``meanings`` are those of the new plan's activities, which get ``#mark`` behind their names.
 
     Raises :class:`ProblemError` where nobody could follow it.
     """
     kept, said = ask.kept, new["dependencies"]
     names = {
-        a["name"]: f"{a['name']}#{ask.number}"
+        a["name"]: f"{a['name']}#{ask.mark}"
         for a in new["activities"]
         if not meanings[a["name"]].what.startswith(BUSY)
     }
