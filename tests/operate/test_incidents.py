@@ -203,14 +203,14 @@ def test_who_stands_before_a_blocked_area_stays_out_whatever_happens_then(day, w
     x, y, _ = path.poses_at(np.array([ahead]))[0]
     people = box(x - 0.4, y - 0.4, x + 0.4, y + 0.4)
     operation.block("people", people.exterior.coords[:-1])
-    limit = operation.limits[way.activity]
+    limit = operation.executor.state.limits[way.activity]
     day.until(lambda: way.told > limit - 0.1, 10)
     if what == "restart":
         day.restart()
     else:
         shape = people if what == "the same again" else box(20, 12, 21, 13)
         operation.block("more" if what == "another" else "people", shape.exterior.coords[:-1])
-    assert day.operation.limits[way.activity] == pytest.approx(limit, abs=0.2)
+    assert day.operation.executor.state.limits[way.activity] == pytest.approx(limit, abs=0.2)
     day.run()
     assert day.state("o0") == "done"
     assert day.verdict().good
@@ -229,7 +229,7 @@ def test_an_area_is_blocked_while_somebody_brakes_for_its_goal(day):
 
     day.until(brakes)
     day.operation.block("elsewhere", [(20.0, 12.0), (21.0, 12.0), (21.0, 13.0)])
-    assert day.operation.limits == {}
+    assert day.operation.executor.state.limits == {}
 
 
 def test_orders_are_cancelled_and_changed_until_they_begin(day):

@@ -167,6 +167,7 @@ class Executor(Followed):
             "sides": [[*k, side] for k, side in self.sides.items() if not isinstance(k, int)],
             "turned": [k for k, side in self.sides.items() if isinstance(k, int) and not side],
             "pace": state.pace.saved(),
+            "limits": dict(state.limits),
         }
 
     @classmethod
@@ -238,6 +239,7 @@ class Executor(Followed):
         strayed = known.get("strayed", {}).items()
         state.strayed = {r: Strayed((x, y, a), off, at) for r, (x, y, a, off, at) in strayed}
         state.pace.load(known["pace"])
+        state.limits = dict(known.get("limits", {}))
         state.load(state.graph if graph is None else graph)
         self.bar()
 
@@ -657,6 +659,8 @@ class Executor(Followed):
         until = state.until(way)
         if way.progress < until - state.tolerance:
             return Go(way.activity, self._let(way, until))
+        if until == state.limits.get(way.activity):
+            return Hold((f"the way of '{way.activity}' is blocked",))
         if until == state.bars.get((way.activity, way.object)):
             return Hold(tuple(str(o) for o in self.overruns if way.object in (*o.held, *o.met)))
         return Hold(self._missing(self._next_of(way.object)))

@@ -60,8 +60,6 @@ class Day:
     """Robots that stand where the plan does not have them, and why they stay until one does."""
     areas: dict[str, Shape]
     """Areas that nobody may enter now."""
-    limits: dict[str, float]
-    """How far (m) motions may go, where that is less than their whole length."""
     shut: dict[str, str]
     """Doors that are ``OUT`` of order, or were (``BACK``) and stand closed, by what nobody is to
     drive through them of the plan.
@@ -229,7 +227,7 @@ class Day:
         """Return how far (m) motions may go: up to areas that are blocked, and to robots that stand
         where no plan has them.
         """
-        found = dict(self.limits)
+        found = dict(self.executor.state.limits)
         if self.executor.state.strayed.keys() & self.off_plan():
             for (name, _), most in self.executor.state.bars.items():
                 found[name] = min(most, found.get(name, most))

@@ -98,7 +98,7 @@ class Operation(Day):
         self.gone: dict[str, float] = {}
         """How much (m) of motions was driven when their plan began: robots count all of it."""
         self.poses = {n: self._home(r.start) for n, r in self.site.robots.items()}
-        self.jobs, self.away, self.placed, self.limits, self.aside = {}, {}, {}, {}, {}
+        self.jobs, self.away, self.placed, self.aside = {}, {}, {}, {}
         self.held: dict[str, str] = {}
         """Robots that are held where they are, and why."""
         self.unsure: dict[str, str] = {}
@@ -152,8 +152,6 @@ class Operation(Day):
                 self._hear(report)
                 executor.commands(report.time - self.origin)
             executor.commands(self.clock.now() - self.origin)  # what was told last may have begun
-            for way in executor.state.ways.values():  # and nobody was let drive beyond its limit
-                way.let = min(way.let, self.limits.get(way.activity, way.let))
             self._happened()
             self._keep_snapshot()
 
@@ -360,8 +358,8 @@ class Operation(Day):
             self.store.keep("shut", shut)
             self.store.note(self.clock.now(), kind, name, what)
             self._withdraw()
-            self._keep_snapshot()  # who was where then says who drives on, and what had begun
-        self._limit()
+            self._limit()
+            self._keep_snapshot()  # with how far everybody may go, and what had begun
         self._other_floor(f"{kind} '{name}' is {what}")
 
     def charge(self, robot: str) -> DayOrder:
@@ -383,14 +381,12 @@ class Operation(Day):
 
     def _limit(self) -> None:
         """Find out how far motions may go with the areas that are blocked."""
-        self.limits = {}
         doors = {n: self.site.doors[n] for n in self.shut}
         # a leaf is a thing that plans keep clear of
         clear = self.site.margin + 2 * max(map(self.error, self.site.robots), default=0.0)
         leaves = [Polygon(leaf_at(d, d.closed)).buffer(clear) for d in doors.values()]
-        shapes = [*map(Polygon, self.areas.values()), *leaves]
-        if shapes:
-            self.limits = first_inside(self.executor, shapes, partial(body_at, self.site))
+        shapes, body = [*map(Polygon, self.areas.values()), *leaves], partial(body_at, self.site)
+        self.executor.state.limits = first_inside(self.executor, shapes, body) if shapes else {}
 
     def _other_floor(self, why: str) -> None:
         """Ask for the rest to be planned anew, also what no plan was found for: there may be one
@@ -597,10 +593,7 @@ class Operation(Day):
         if who in self.off_plan():
             return Hold((self.away.get(who) or self.placed[who],))
         if isinstance(command, Go):
-            most = min(command.until, self.limits.get(command.motion, command.until))
-            if most < command.until:
-                self.executor.state.ways[command.motion, who].let = most
-            return Go(command.motion, most + self.gone.get(command.motion, 0.0))
+            return replace(command, until=command.until + self.gone.get(command.motion, 0.0))
         return command
 
     # ------------------------------------------------------------------ planning
@@ -767,7 +760,7 @@ class Operation(Day):
         :raises ProblemError: where something has begun meanwhile that the plan does not keep.
         """
         executor = Executor(plan, **self._following)
-        follow_on(executor, self.executor, question.cut, since - self.origin, self.limits)
+        follow_on(executor, self.executor, question.cut, since - self.origin)
         return executor
 
     def _cost(self, executor: Executor, origin: float) -> float:

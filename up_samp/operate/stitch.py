@@ -325,11 +325,9 @@ def _resources(job: Order | Task) -> set[str]:
 # ------------------ From one plan to the next
 
 
-def follow_on(
-    executor: Executor, old: Executor, cut: Cut, by: float, limits: Mapping[str, float]
-) -> None:
+def follow_on(executor: Executor, old: Executor, cut: Cut, by: float) -> None:
     """Let the executor of a new plan go on where an ``old`` one is, whose clock began ``by`` s
-    earlier. ``limits``: how far (m) motions may go.
+    earlier.
 
     Raises :class:`ProblemError` where something has begun meanwhile that the plan does not keep,
     or a robot is beyond where it would have to wait.
@@ -362,9 +360,10 @@ def follow_on(
         executor.state.heard[robot], way.since = old.state.heard[robot] - by, before.since - by
         gone = cut.starts.get(way.activity, 0.0)
         # it goes on to where it was told that it may, or where it can stand
-        most = limits.get(way.activity, before.length)
-        least[robot] = min(old.state.committed(before), most) - gone
+        least[robot] = old.state.committed(before) - gone
         way.let = max(0.0, before.let - gone)
+        if (most := old.state.limits.get(way.activity)) is not None:
+            executor.state.limits[way.activity] = most - gone
         _move_gates(executor, old, cut, way, least[robot])
     executor.state.follow_all()
     executor.bar()  # who seemed to be beyond a gate may not be
