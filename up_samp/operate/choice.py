@@ -266,7 +266,8 @@ def choose(day: Day) -> OpenWork | None:
     ago is put aside while there is anything else.
     """
     now, stuck = day.clock.now(), day.stranded() or day.stale()
-    waiting = [j for j in (*day.waiting(), *day.dropped()) if ready(day, j)]
+    open_ = (j for j in (*day.waiting(), *day.dropped()) if not too_late(day, j))
+    waiting = [j for j in open_ if ready(day, j)]
     for until in day.turns():
         if robots := _stuck(day, stuck, until):
             in_vain = max(day.tried.get(("", r), 0) for r in robots)
@@ -405,6 +406,12 @@ def ready(day: Day, job: DayOrder) -> bool:
     if before and not before <= day.sure():
         return False
     return all(_can_stop(day, stop) for stop in visited(job.record))
+
+
+def too_late(day: Day, job: DayOrder) -> bool:
+    """Return whether all windows of a stop of an order are over: it cannot be planned any more."""
+    last = (max((w[1] for w in s.window), default=math.inf) for s in visited(job.record))
+    return job.came + min(last) <= day.clock.now()
 
 
 def _can_stop(day: Day, stop: Stop | Task) -> bool:

@@ -32,7 +32,7 @@ from up_samp.fleet.spelled_out import with_places
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError
 from up_samp.operate import upkeep
-from up_samp.operate.choice import OUT, Day, OpenWork, body_at, check_stand, choose
+from up_samp.operate.choice import OUT, Day, OpenWork, body_at, check_stand, choose, too_late
 from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import DELIVERS, driven_before, first_inside, meanings_of, pose_of
 from up_samp.operate.planner import (
@@ -625,8 +625,11 @@ class Operation(Day):
 
     def _look(self, now: float) -> None:
         """Find out whether it is time to plan anew."""
-        if self.waiting() or self.dropped():
+        if waiting := (*self.waiting(), *self.dropped()):
             self.want("orders wait that are in no plan")
+        for job in (j for j in waiting if not j.note and too_late(self, j)):
+            why = "its windows are over: cancel it, or change them"
+            self._set(replace(job, note=why), OrderState.WAITING, why)
         if now < self._planned_at + RETRY:
             return
         if self.stranded():
