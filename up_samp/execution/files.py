@@ -202,15 +202,9 @@ def dependency_faults(problem: SchedulingProblem, plan: PlanDict) -> list[str]:
         found += _faults_alone(plan, told, alone=False) or graph_faults(told.graph, made.graph)
     except SampError as error:
         return [*found, str(error)]
-    left = {_unexplained(_choice_from_dict(_choice_to_dict(choice))) for choice in made.choices}
-    extra = [c for c in told.choices if _unexplained(c) not in left]
-    found += [f"the choice '{c[0].why}' is none that the problem leaves" for c in extra]
-    return found
-
-
-def _unexplained(choice: Choice) -> Choice:
-    one, two = (replace(way, why="") for way in choice)
-    return one, two
+    left = [{**_choice_to_dict(choice), "why": ""} for choice in made.choices]
+    extra = [c for c in told.choices if {**_choice_to_dict(c), "why": ""} not in left]
+    return [*found, *(f"the choice '{c[0].why}' is none that the problem leaves" for c in extra)]
 
 
 def _avoid_faults(plan: PlanDict, by_problem: PlanDict) -> list[str]:

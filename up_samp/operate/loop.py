@@ -13,7 +13,6 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +31,7 @@ from up_samp.fleet.spelled_out import with_places
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError
 from up_samp.operate import upkeep
-from up_samp.operate.choice import OUT, Day, OpenWork, body_at, check_stand, choose, too_late
+from up_samp.operate.choice import OUT, Day, OpenWork, check_stand, choose, too_late
 from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import DELIVERS, driven_before, first_inside, meanings_of, pose_of
 from up_samp.operate.planner import (
@@ -385,8 +384,8 @@ class Operation(Day):
         # a leaf is a thing that plans keep clear of
         clear = self.site.margin + 2 * max(map(self.error, self.site.robots), default=0.0)
         leaves = [Polygon(leaf_at(d, d.closed)).buffer(clear) for d in doors.values()]
-        shapes, body = [*map(Polygon, self.areas.values()), *leaves], partial(body_at, self.site)
-        self.executor.state.limits = first_inside(self.executor, shapes, body) if shapes else {}
+        shapes = [*map(Polygon, self.areas.values()), *leaves]
+        self.executor.state.limits = first_inside(self.executor, shapes)
 
     def _other_floor(self, why: str) -> None:
         """Ask for the rest to be planned anew, also what no plan was found for: there may be one
