@@ -418,6 +418,9 @@ class Operation(Day):
             for report in filter(self._sure, self.robots.reports(now)):
                 self.store.put_report(report)
                 self._hear(report)
+            for robot in upkeep.mute(self.site, self.robots.levels, self.meanings, self._is_done):
+                if (fault := (robot, upkeep.MUTE)) not in self.robots.faults:
+                    self.robots.faults.append(fault)
             for robot, words in self.robots.faults[self._faults :]:
                 self.store.note(now, "robot", robot, "fault", words)
             self._faults = len(self.robots.faults)

@@ -8,7 +8,7 @@ levels above the reserve. Who is off its shift stands where it is, as any robot 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from up_samp.execution.lives import DriveCells
@@ -22,6 +22,7 @@ CHARGE, BREAK = "charge.", "break."
 """What the names of tasks begin with in which a robot charges, or rests."""
 OFF = "off its shift"
 """Why such a robot does nothing."""
+MUTE = "it tells no level of its battery: it counts as at first, and does not charge by itself"
 
 
 def is_charge(job: str) -> bool:
@@ -100,6 +101,17 @@ def low(site: FleetRecords, levels: Mapping[str, float], share: float) -> list[s
         if _level(site, levels, robot) - battery.reserve
         < share * (battery.capacity - battery.reserve)
     ]
+
+
+def mute(
+    site: FleetRecords,
+    levels: Mapping[str, float],
+    meanings: Mapping[str, Meaning],
+    is_done: Callable[[str], bool],
+) -> set[str]:
+    """Return the robots with a battery that have done something of a plan, and told no level."""
+    silent = batteries_of(site).keys() - levels.keys()
+    return {m.robot for n, m in meanings.items() if m.robot in silent and is_done(n)}
 
 
 def _level(site: FleetRecords, levels: Mapping[str, float], robot: str) -> float:
