@@ -19,6 +19,7 @@ class Standing(Day):
         self.settings, self.clock, self.site = Settings(), SimulatedClock(), fleet.records
         self.poses = {r: self._home(robot.start) for r, robot in self.site.robots.items()}
         self.meanings, self.jobs, self.away, self.placed = {}, {}, {}, {}
+        self.using = {}
         self.shut, self.aside, self.tried, self.areas = {}, {}, {}, {}
         self.cramped = set()
         self.stuck, self.carrying, self.ends = stuck, {}, {}

@@ -1,6 +1,7 @@
 """Robots break down, join and are held; areas are blocked; orders are changed and cancelled."""
 
 import math
+import random
 
 import numpy as np
 import pytest
@@ -477,5 +478,46 @@ def test_who_cannot_bring_its_order_now_waits_and_keeps_nobody_else_waiting(tmp_
         day.run()
         assert day.state("o0") == "done"
         assert day.verdict().good, day.story()
+    finally:
+        day.operation.close()
+
+
+@pytest.mark.parametrize("moved", [False, True])
+@pytest.mark.parametrize("seed", range(3))
+def test_what_a_robot_uses_that_leaves_is_used_by_nobody_else_until_it_is_away(
+    tmp_path, seed, moved
+):
+    """It stands in the gate, say: others were sent there, as if it had let go of it."""
+    rng = random.Random(f"holds {seed}")
+    fleet, most = hall(tmp_path, robots=2), rng.choice((1, 2))
+    fleet.add_resource("gate", most)
+    day = Day(tmp_path, fleet=fleet, seed=seed)
+    uses = [{"at": f"rack{k}", "service": 12, "resources": ["gate"]} for k in range(3)]
+    first, other, _ = rng.sample(uses, 3)
+    second = rng.sample([other, "shelf0"], 2)
+    try:
+        day.order("first", first, "dock0", robots=["r0"])
+        day.until(lambda: any(w.robot == "r0" for w in day.robots.work.values()), 90)
+        day.order("other", "shelf1", "dock1", robots=["r1"])
+        ends = dict(zip(("pickup", "delivery"), second, strict=True))
+        day.operation.add({"id": "second", **ends, "robots": ["r1"]})
+        for _ in range(rng.choice((1, 30))):
+            day.step()
+        day.operation.leave("r0", "broken")
+        left = day.clock.now()
+        if rng.random() < 0.5:
+            day.restart()
+        day.until(lambda: day.clock.now() > left + 150.0, 200)
+        assert (day.state("second") == "done") == (most == 2)
+        assert day.state("other") == "done"
+        assert day.verdict().overfull == ()
+        pose = (3.0, 11.5, 0.0) if moved else None
+        if moved:
+            day.robots.put("r0", pose)
+            day.operation.leave("r0", "towed away", pose)
+        else:
+            day.operation.join("r0")
+        day.until(lambda: day.state("second") == "done", 400)
+        assert day.verdict().contacts == day.verdict().overfull == ()
     finally:
         day.operation.close()

@@ -12,6 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 import random
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -21,7 +22,7 @@ from up_samp.execution.executor import Executor
 from up_samp.execution.state import TaskPhase
 from up_samp.fleet.meanings import Kind, Meaning
 from up_samp.fleet.outlines import placed
-from up_samp.fleet.records import FleetRecords, Order, Stop, Task, can_do, visited
+from up_samp.fleet.records import FleetRecords, Order, Resource, Stop, Task, can_do, visited
 from up_samp.model import ProblemError
 from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import DELIVERS, Cut, Cutter, Opened, on_board
@@ -56,6 +57,8 @@ class Day:
     poses: dict[str, Pose]
     away: dict[str, str]
     """Robots that do nothing now, and why."""
+    using: dict[str, tuple[str, ...]]
+    """What resources robots use that do nothing now, as they left in the middle of something."""
     placed: dict[str, str]
     """Robots that stand where the plan does not have them, and why they stay until one does."""
     areas: dict[str, Shape]
@@ -141,6 +144,12 @@ class Day:
             and self.executor.phase(name) is TaskPhase.RUNNING
             and self.shut.get(meaning.what) != BACK
         }
+
+    def unused(self) -> dict[str, Resource]:
+        """Return the site's resources without what robots use of them that do nothing now."""
+        using = Counter(itertools.chain.from_iterable(self.using.values()))
+        some = self.site.resources.items()
+        return {n: replace(r, capacity=r.capacity - using[n]) for n, r in some}
 
     def there(self) -> list[str]:
         """Return the robots that do their work."""
@@ -416,8 +425,11 @@ def too_late(day: Day, job: DayOrder) -> bool:
 
 def _can_stop(day: Day, stop: Stop | Task) -> bool:
     """Return whether some robot could stand at one of a stop's places, beside those that do nothing
-    now, and outside areas that are blocked.
+    now, and outside areas that are blocked, and these use nothing that it takes.
     """
+    resources = day.unused()
+    if any(resources[name].capacity < 1 for name in stop.resources):
+        return False
     away = (body_at(day.site, r, day.poses[r]) for r in day.away)
     taken = [*zip(away, itertools.repeat(day.site.margin))]
     taken += [(Polygon(shape), 0.0) for shape in day.areas.values()]

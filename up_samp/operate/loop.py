@@ -26,7 +26,8 @@ from up_samp.execution.state import TaskPhase
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import pose_at
 from up_samp.fleet.fleet import Fleet
-from up_samp.fleet.records import Order, Task
+from up_samp.fleet.meanings import Kind
+from up_samp.fleet.records import Order, Task, visited
 from up_samp.fleet.spelled_out import with_places
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError
@@ -97,7 +98,7 @@ class Operation(Day):
         self.gone: dict[str, float] = {}
         """How much (m) of motions was driven when their plan began: robots count all of it."""
         self.poses = {n: self._home(r.start) for n, r in self.site.robots.items()}
-        self.jobs, self.away, self.placed, self.aside = {}, {}, {}, {}
+        self.jobs, self.away, self.using, self.placed, self.aside = {}, {}, {}, {}, {}
         self.held: dict[str, str] = {}
         """Robots that are held where they are, and why."""
         self.unsure: dict[str, str] = {}
@@ -123,7 +124,7 @@ class Operation(Day):
         # simulated days are all one: what is drawn there depends on names
         mark = "" if self.clock.waits else f".{time.time_ns() // 10**6:x}"
         self.mark = self.store.day("mark", mark)
-        for key in ("away", "placed", "held", "unsure", "areas", "poses", "shut"):
+        for key in ("away", "using", "placed", "held", "unsure", "areas", "poses", "shut"):
             setattr(self, key, {**getattr(self, key), **(self.store.day(key) or {})})
         kept = self.store.snapshot()
         now = self.clock.now()
@@ -276,7 +277,9 @@ class Operation(Day):
         self._check_stand(name, pose)
         now, here = self.clock.now(), pose or self.pose(name)
         with self.store:
-            self.away[name], self.poses[name] = why, here
+            moved = math.dist(here, self.pose(name)) > 2 * self.error(name)
+            used = () if moved else self._used_by(name) or self.using.get(name, ())
+            self.away[name], self.poses[name], self.using[name] = why, here, used
             if pose is not None:  # what it tells of its motion says nothing now
                 self._put(name, pose)
             self.store.note(now, "robot", name, "left", why)
@@ -299,11 +302,22 @@ class Operation(Day):
                 here = told
             self.poses[name] = here
             self.away.pop(name, None)
+            self.using.pop(name, None)
             if math.dist(told, here) > self.error(name):
                 self._put(name, here)
             self.store.note(now, "robot", name, "joined")
             self._keep_fleet()
         self._other_floor(f"robot '{name}' joined")
+
+    def _used_by(self, robot: str) -> tuple[str, ...]:
+        """Return the resources that a robot uses now for what it does at a place."""
+        found: list[str] = []
+        for name, meaning in self.meanings.items():
+            running = self.executor.phase(name) is TaskPhase.RUNNING
+            if running and meaning.robot == robot and meaning.kind in (Kind.PICKUP, *DELIVERS):
+                stops = visited(self.jobs[meaning.what].record)
+                found += stops[0 if meaning.kind is Kind.PICKUP else -1].resources
+        return tuple(found)
 
     def _check_stand(self, robot: str, pose: Pose | None) -> None:
         if pose is not None:
@@ -317,6 +331,7 @@ class Operation(Day):
 
     def _keep_fleet(self) -> None:
         self.store.keep("away", self.away)
+        self.store.keep("using", self.using)
         self.store.keep("placed", self.placed)
         self.store.keep("poses", self.poses)
 
@@ -661,7 +676,7 @@ class Operation(Day):
         question = Question(
             number=self.number,
             mark=f"{self.number}{self.mark}",
-            site=upkeep.from_now(self.site, now),
+            site=replace(upkeep.from_now(self.site, now), resources=self.unused()),
             folder=self.folder,
             cut=cut,
             kept=kept_of(self.executor, cut),
