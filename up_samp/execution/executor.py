@@ -631,8 +631,7 @@ class Executor(Followed):
 
     def _standing(self, robot: str) -> tuple[str, ...]:
         """Return why a robot without a motion or a task does nothing, in words."""
-        first = next((n for n in self._of_robot.get(robot, ()) if n in self._ready), "")
-        why = self._held.get(robot) or self.withdrawn.get(first)
+        why = self._held.get(robot) or self.withdrawn.get(self._to_do(robot))
         return (why,) if why else self._missing(self._next_of(robot))
 
     def _begin(self) -> None:
@@ -674,13 +673,16 @@ class Executor(Followed):
             way.let = max(way.let, min(until, far))
         return min(way.let, until)
 
+    def _to_do(self, robot: str) -> str:
+        """Return what is next of what a robot has not begun ("": nothing)."""
+        return next((n for n in self._of_robot.get(robot, ()) if n in self._ready), "")
+
     def _next_of(self, robot: str) -> int | None:
         """Return the event that is next for a robot: its closed gate, an end or a start."""
         state = self.state
         way = state.of_object.get(robot)
         if way is None:
-            name = next((n for n in self._of_robot.get(robot, ()) if n in self._ready), None)
-            return None if name is None else state.start_number[name]
+            return state.start_number.get(self._to_do(robot))
         closed = state.closed(way)
         return state.end_number[way.activity] if closed is None else closed
 
@@ -707,11 +709,6 @@ class Executor(Followed):
     def finished(self) -> bool:
         """Whether every activity is done."""
         return not self._ready and not self._running
-
-    @property
-    def left(self) -> tuple[int, int]:
-        """How many activities have not begun, and how many are under way."""
-        return len(self._ready), len(self._running)
 
     @property
     def awaits_time(self) -> bool:

@@ -141,9 +141,8 @@ class Operation(Day):
 
     def _resume(self, number: int, saved: Mapping[str, Any], reports: list[Report]) -> None:
         """Go on where the store's last plan was."""
-        plan = self.store.plan(number)
-        (self.origin,) = (o for n, _, o in self.store.plans() if n == number)
-        self.number = max(n for n, *_ in self.store.plans())
+        self.origin, plan = self.store.plan(number)
+        self.number = self.store.last_plan()
         executor = Executor.restore(plan, saved, **self._following)
         self._follow(executor)
         self._withdraw()
@@ -433,9 +432,8 @@ class Operation(Day):
             for report in filter(self._sure, self.robots.reports(now)):
                 self.store.put_report(report)
                 self._hear(report)
-            for robot in upkeep.mute(self.site, self.robots.levels, self.meanings, self._is_done):
-                if (fault := (robot, upkeep.MUTE)) not in self.robots.faults:
-                    self.robots.faults.append(fault)
+            mute = upkeep.mute(self.site, self.robots.levels, self.meanings, self._is_done)
+            self.robots.faults.extend(sorted(mute.difference(self.robots.faults)))
             for robot, words in self.robots.faults[self._faults :]:
                 self.store.note(now, "robot", robot, "fault", words)
             self._faults = len(self.robots.faults)

@@ -108,10 +108,12 @@ def mute(
     levels: Mapping[str, float],
     meanings: Mapping[str, Meaning],
     is_done: Callable[[str], bool],
-) -> set[str]:
-    """Return the robots with a battery that have done something of a plan, and told no level."""
+) -> set[tuple[str, str]]:
+    """Return the robots with a battery that have done something of a plan, and told no level: what
+    is wrong then, in words.
+    """
     silent = batteries_of(site).keys() - levels.keys()
-    return {m.robot for n, m in meanings.items() if m.robot in silent and is_done(n)}
+    return {(m.robot, MUTE) for n, m in meanings.items() if m.robot in silent and is_done(n)}
 
 
 def _level(site: FleetRecords, levels: Mapping[str, float], robot: str) -> float:

@@ -285,12 +285,8 @@ class MasterControl:
 
     def reports(self, now: float) -> list[Report]:
         """Return what robots have told since the last call."""
-        while True:
-            try:
-                name, topic, payload = self._inbox.get_nowait()
-            except queue.Empty:
-                break
-            self._read(name, topic, payload)
+        for _ in range(self._inbox.qsize()):  # nobody else takes from it
+            self._read(*self._inbox.get())
         return [r for agv in self.agvs.values() for r in self._reported(agv, now)]
 
     def _read(self, name: str, topic: str, payload: bytes) -> None:
