@@ -112,10 +112,9 @@ class Executor(Followed):
         self.withdrawn: dict[str, str] = {}
         """Activities that are not to begin any more, and why; what comes after them waits."""
         self._astray: dict[str, Overrun] = {}
-        self._running: dict[str, None] = {}
-        self._ready = dict.fromkeys(sorted(graph.tasks, key=lambda n: graph.tasks[n].planned))
-        whose = dict.fromkeys(who for name in self._ready for who in graph.tasks[name].who)
-        self._of_robot = {r: [n for n in self._ready if r in graph.tasks[n].who] for r in whose}
+        every = sorted(graph.tasks, key=lambda n: graph.tasks[n].planned)
+        whose = dict.fromkeys(who for name in every for who in graph.tasks[name].who)
+        self._of_robot = {r: [n for n in every if r in graph.tasks[n].who] for r in whose}
 
     @property
     def narrow(self) -> tuple[Narrow, ...]:
@@ -154,8 +153,8 @@ class Executor(Followed):
             "now": state.now,
             "tolerance": state.tolerance,
             "localisation": self.localisation,
-            "running": list(self._running),
-            "done": [n for n, phase in state.phase.items() if phase is TaskPhase.DONE],
+            "running": state.those(TaskPhase.RUNNING),
+            "done": state.those(TaskPhase.DONE),
             "fired": [[event_to_list(event), time] for event, time in state.fired.items()],
             "moved_on": [[event_to_list(event), by] for event, by in state.moved_on.items()],
             "motions": [
@@ -246,10 +245,8 @@ class Executor(Followed):
     def _note_begun(self, running: Collection[str], done: Collection[str]) -> None:
         """Note which activities are under way, or over, where nothing has begun so far."""
         state = self.state
-        for name in (*running, *done):
-            del self._ready[name]
-            state.phase[name] = TaskPhase.RUNNING if name in running else TaskPhase.DONE
-        self._running = dict.fromkeys(running)
+        state.phase |= dict.fromkeys(running, TaskPhase.RUNNING)
+        state.phase |= dict.fromkeys(done, TaskPhase.DONE)
         state.of_object = {w.object: w for name in running for w in state.ways_of[name]}
 
     def join(
@@ -267,7 +264,7 @@ class Executor(Followed):
         Raises :class:`ProblemError` where that cannot have come about by the plan.
         """
         state = self.state
-        if self._running or len(self._ready) < len(state.graph.tasks):
+        if state.those(TaskPhase.RUNNING, TaskPhase.DONE):
             raise ProblemError("a plan can be joined only before anything of it has begun")
         for name in (*done, *under_way, *times):
             if name not in state.phase:
@@ -579,7 +576,6 @@ class Executor(Followed):
             self.state.finish(way)
             self.state.of_object.pop(way.object, None)
         self.state.fire(self.state.end_number[activity], self.state.now)
-        del self._running[activity]
 
     # ------------------------------------------------------------------ who is astray
 
@@ -611,14 +607,12 @@ class Executor(Followed):
             self.state.tick(now)
         if self._astray:
             self.bar()
-        for name in [n for n in self._running if self.state.graph.tasks[n].moves]:
-            self._finish_motion(name)
+        for name in self.state.those(TaskPhase.RUNNING):
+            if self.state.graph.tasks[name].moves:
+                self._finish_motion(name)
         self._begin()
-        found: dict[str, Command] = {}
-        for name in self._running:
-            for way in self.state.ways_of[name]:
-                found[way.object] = self._drive(way)
-        for name in self._running:
+        found: dict[str, Command] = {r: self._drive(w) for r, w in self.state.of_object.items()}
+        for name in self.state.those(TaskPhase.RUNNING):
             task = self.state.graph.tasks[name]
             if not task.moves:
                 command = Do(name, self.state.may_happen(self.state.end_number[name]))
@@ -636,13 +630,12 @@ class Executor(Followed):
 
     def _begin(self) -> None:
         state = self.state
-        for name in [n for n in self._ready if state.may_happen(state.start_number[n])]:
+        waiting = state.those(TaskPhase.WAITING)
+        for name in [n for n in waiting if state.may_happen(state.start_number[n])]:
             ways = state.ways_of[name]
             barred = name in self.withdrawn
             if barred or any(w.object in state.of_object or w.object in self._held for w in ways):
                 continue
-            del self._ready[name]
-            self._running[name] = None
             state.phase[name] = TaskPhase.RUNNING
             state.fire(state.start_number[name], state.now)
             for way in ways:
@@ -675,7 +668,8 @@ class Executor(Followed):
 
     def _to_do(self, robot: str) -> str:
         """Return what is next of what a robot has not begun ("": nothing)."""
-        return next((n for n in self._of_robot.get(robot, ()) if n in self._ready), "")
+        mine, phase = self._of_robot.get(robot, ()), self.state.phase
+        return next((n for n in mine if phase[n] is TaskPhase.WAITING), "")
 
     def _next_of(self, robot: str) -> int | None:
         """Return the event that is next for a robot: its closed gate, an end or a start."""
@@ -708,7 +702,7 @@ class Executor(Followed):
     @property
     def finished(self) -> bool:
         """Whether every activity is done."""
-        return not self._ready and not self._running
+        return not self.state.those(TaskPhase.WAITING, TaskPhase.RUNNING)
 
     @property
     def awaits_time(self) -> bool:

@@ -253,6 +253,10 @@ class FloorState:
             way.marks.sort()
             way.gates.sort()
 
+    def those(self, *phases: TaskPhase) -> list[str]:
+        """Return the activities that are as far as that."""
+        return [name for name, phase in self.phase.items() if phase in phases]
+
     def fire(self, number: int, now: float) -> None:
         """Note that an event happened."""
         if self.when[number] is not None:

@@ -211,9 +211,9 @@ class Cutter:
     def cut(self, ahead: float) -> Cut:
         """Return where nothing that begins within ``ahead`` s is touched."""
         now, forecast = self.state.now, self.executor.retime()
-        running = [n for n, p in self.state.phase.items() if p is TaskPhase.RUNNING]
+        running = self.state.those(TaskPhase.RUNNING)
         stays = {n for robot, turn in self.turns.items() for n in self._staying(robot, turn)}
-        waiting = [n for n, p in self.state.phase.items() if p is TaskPhase.WAITING]
+        waiting = self.state.those(TaskPhase.WAITING)
         soon = [n for n in waiting if n in stays or forecast.span(n)[0] <= now + ahead]
         # what does not come to its end may begin nevertheless, and goes as far as it can
         begun = (n for n in soon if self.state.start_number[n] not in self.dead)
