@@ -114,7 +114,8 @@ class Executor(Followed):
         self._astray: dict[str, Overrun] = {}
         every = sorted(graph.tasks, key=lambda n: graph.tasks[n].planned)
         whose = dict.fromkeys(who for name in every for who in graph.tasks[name].who)
-        self._of_robot = {r: [n for n in every if r in graph.tasks[n].who] for r in whose}
+        self.turns = {r: [n for n in every if r in graph.tasks[n].who] for r in whose}
+        """Each robot's activities, in the order of the plan."""
 
     @property
     def narrow(self) -> tuple[Narrow, ...]:
@@ -618,7 +619,7 @@ class Executor(Followed):
                 command = Do(name, self.state.may_happen(self.state.end_number[name]))
                 for who in [w for w in task.who if w not in found] or [name]:
                     found[who] = command
-        for robot in self._of_robot:
+        for robot in self.turns:
             if robot not in found:
                 found[robot] = Hold(self._standing(robot))
         return found
@@ -668,7 +669,7 @@ class Executor(Followed):
 
     def _to_do(self, robot: str) -> str:
         """Return what is next of what a robot has not begun ("": nothing)."""
-        mine, phase = self._of_robot.get(robot, ()), self.state.phase
+        mine, phase = self.turns.get(robot, ()), self.state.phase
         return next((n for n in mine if phase[n] is TaskPhase.WAITING), "")
 
     def _next_of(self, robot: str) -> int | None:

@@ -167,7 +167,7 @@ class Day:
         found = []
         for name in self.there():
             end = self.site.robots[name].end
-            home = end is None or self._near(cut.poses[name], self._home(end))
+            home = end is None or math.dist(cut.poses[name][:2], self._home(end)[:2]) < 0.01
             wanted = _can_stop(self, ends[name]) if name in ends else not home
             if name not in busy and wanted:
                 found.append(name)
@@ -198,9 +198,6 @@ class Day:
         """Return robots that were still to do what is cancelled, or was changed."""
         found = dict.fromkeys(self.meanings[name].robot for name in self.over())
         return [r for r in found if r not in self.away]
-
-    def _near(self, one: Pose, two: Pose) -> bool:
-        return max(abs(one[0] - two[0]), abs(one[1] - two[1])) < 0.01
 
     def free_at(self) -> dict[str, tuple[float, Pose]]:
         """Return in how many seconds each robot will have done its last order, and where; without

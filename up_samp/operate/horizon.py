@@ -157,11 +157,7 @@ class Cutter:
         self.opening = opening
         self.broken, self.limits, self.opened = broken, limits, opened
         self.meanings = meanings_of(executor.plan)
-        self.turns: dict[str, list[str]] = {}
-        """Each robot's activities in the plan's order."""
-        tasks = self.state.graph.tasks
-        for name in sorted(tasks, key=lambda n: tasks[n].planned):
-            self.turns.setdefault(self.meanings[name].robot, []).append(name)
+        self.turns = executor.turns
         self.events = self.state.graph.events
         self.before: dict[int, list[int]] = {}
         self.after: dict[int, list[int]] = {}

@@ -89,8 +89,7 @@ class RemoteRobots:
             case Go(motion, until):
                 return {"kind": "go", "motion": motion, "until": round(until, 4)}
             case Do(name, may_end):
-                kind, what, _ = self._executor.plan["meanings"][name]
-                kind = action_of(kind, what)
+                kind, what = action_of(self._executor.plan, name)
                 told = {"activity": name, "action": kind, "order": what, "may_end": may_end}
                 seconds = self._executor.state.graph.tasks[name].expected
                 return {"kind": "do", "seconds": seconds, **told}

@@ -15,6 +15,7 @@ from up_samp.execution.lives import DriveCells
 from up_samp.fleet.batteries import first_level, level_fluent, usable
 from up_samp.fleet.meanings import Meaning, Written
 from up_samp.fleet.records import Battery, Charger, FleetRecords, Order, Robot, Task
+from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError
 from up_samp.operate.choice import Day
 
@@ -36,9 +37,12 @@ def charges(job: Order | Task) -> bool:
     return isinstance(job, Task) and is_charge(job.id) and job.robots == (who,)
 
 
-def action_of(kind: str, what: str) -> str:
-    """Return what a robot does at a place, in a word: ``charge``, or what it is called in plans."""
-    return "charge" if is_charge(what) else kind
+def action_of(plan: PlanDict, name: str) -> tuple[str, str]:
+    """Return what a robot does at a place in an activity of a plan, in a word (``charge``, or what
+    it is called in plans), and of which order.
+    """
+    kind, what, _ = plan["meanings"][name]
+    return "charge" if is_charge(what) else kind, what
 
 
 def charger_of(site: FleetRecords) -> dict[str, Charger]:

@@ -608,8 +608,7 @@ class MasterControl:
     def _do(self, agv: Agv, activity: str, now: float) -> None:
         agv.begin(activity)
         agv.update = 0
-        kind, what, _ = self._executor.plan["meanings"][activity]
-        kind = action_of(kind, what)
+        kind, what = action_of(self._executor.plan, activity)
         if kind == "charge":
             self._charging.setdefault(activity, math.inf)
         if agv.shown:
