@@ -80,8 +80,7 @@ def shown_with_dependencies(problem: SchedulingProblem, plan: PlanDict) -> tuple
 def _with_progress(motion: Mapping[str, Any], drive: DriveCells | None) -> dict[str, Any]:
     if drive is None:  # it goes nowhere
         return {**motion, "progress": [0.0] * len(motion["samples"])}
-    progress = np.maximum.accumulate(drive.path.natural_s)
-    return {**motion, "progress": [round(float(s), 6) for s in progress]}
+    return {**motion, "progress": [round(float(s), 6) for s in drive.planned[1]]}
 
 
 def _narrow_to_dict(place: Narrow) -> dict[str, Any]:
@@ -350,7 +349,7 @@ def place_faults(plan: PlanDict, lives: Mapping[str, Life], events: Iterable[Eve
     for motion in plan["motions"]:
         drive = drives.get((motion["activity"], motion["object"]))
         told = np.asarray(motion["progress"], dtype=np.float64)
-        real = 0.0 * told if drive is None else np.maximum.accumulate(drive.path.natural_s)
+        real = 0.0 * told if drive is None else drive.planned[1]
         off = np.abs(told - real)
         if np.any(off > TOLERANCES.place):
             k = int(np.argmax(off))

@@ -310,13 +310,11 @@ class Operation(Day):
 
     def _used_by(self, robot: str) -> tuple[str, ...]:
         """Return the resources that a robot uses now for what it does at a place."""
-        found: list[str] = []
-        for name, meaning in self.meanings.items():
-            running = self.executor.phase(name) is TaskPhase.RUNNING
-            if running and meaning.robot == robot and meaning.kind in (Kind.PICKUP, *DELIVERS):
-                stops = visited(self.jobs[meaning.what].record)
-                found += stops[0 if meaning.kind is Kind.PICKUP else -1].resources
-        return tuple(found)
+        doing = map(self.meanings.__getitem__, self.executor.state.those(TaskPhase.RUNNING))
+        here = (m for m in doing if m.robot == robot and m.kind in (Kind.PICKUP, *DELIVERS))
+        first = ((visited(self.jobs[m.what].record), m.kind is Kind.PICKUP) for m in here)
+        stops = (stops[0 if picked else -1] for stops, picked in first)
+        return tuple(name for stop in stops for name in stop.resources)
 
     def _check_stand(self, robot: str, pose: Pose | None) -> None:
         if pose is not None:
@@ -432,7 +430,7 @@ class Operation(Day):
             for report in filter(self._sure, self.robots.reports(now)):
                 self.store.put_report(report)
                 self._hear(report)
-            mute = upkeep.mute(self.site, self.robots.levels, self.meanings, self._is_done)
+            mute = upkeep.mute(self, self.robots.levels)
             self.robots.faults.extend(sorted(mute.difference(self.robots.faults)))
             for robot, words in self.robots.faults[self._faults :]:
                 self.store.note(now, "robot", robot, "fault", words)

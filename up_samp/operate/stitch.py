@@ -521,7 +521,7 @@ def _timed(
     if path.length > marks[-1][0] + BESIDE:
         marks.append((path.length, max(span[1], marks[-1][1])))
     at, times = np.array(marks).T
-    known = np.maximum.accumulate(path.natural_s)
+    known = drive.planned[1]
     gaps = np.abs(known[np.searchsorted(known, at).clip(max=len(known) - 1)] - at)
     before = np.abs(known[(np.searchsorted(known, at) - 1).clip(min=0)] - at)
     fresh = at[np.minimum(gaps, before) > BESIDE / 4]

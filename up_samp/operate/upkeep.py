@@ -8,10 +8,11 @@ levels above the reserve. Who is off its shift stands where it is, as any robot 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from up_samp.execution.lives import DriveCells
+from up_samp.execution.state import TaskPhase
 from up_samp.fleet.batteries import first_level, level_fluent, usable
 from up_samp.fleet.meanings import Meaning, Written
 from up_samp.fleet.records import Battery, Charger, FleetRecords, Order, Robot, Task
@@ -107,17 +108,13 @@ def low(site: FleetRecords, levels: Mapping[str, float], share: float) -> list[s
     ]
 
 
-def mute(
-    site: FleetRecords,
-    levels: Mapping[str, float],
-    meanings: Mapping[str, Meaning],
-    is_done: Callable[[str], bool],
-) -> set[tuple[str, str]]:
-    """Return the robots with a battery that have done something of a plan, and told no level: what
-    is wrong then, in words.
+def mute(day: Day, levels: Mapping[str, float]) -> set[tuple[str, str]]:
+    """Return the robots with a battery that have done something of the plan, and told no level:
+    what is wrong then, in words.
     """
-    silent = batteries_of(site).keys() - levels.keys()
-    return {(m.robot, MUTE) for n, m in meanings.items() if m.robot in silent and is_done(n)}
+    silent = batteries_of(day.site).keys() - levels.keys()
+    over = (day.meanings[name].robot for name in day.executor.state.those(TaskPhase.DONE))
+    return {(robot, MUTE) for robot in silent.intersection(over)}
 
 
 def _level(site: FleetRecords, levels: Mapping[str, float], robot: str) -> float:
