@@ -168,12 +168,14 @@ def stretches_told(
 ) -> Iterator[tuple[PathPiece, float, float, float]]:
     """Yield the pieces of a whole motion (see :func:`up_samp.operate.stitch.whole_motion`) along a
     path, cut at ``points`` (m) and where other limits of speed begin, with their ends (m) and how
-    fast (m/s) they may be driven.
+    fast (m/s) they may be driven. Pieces that lead nowhere but for rounding are none.
     """
     most = ruled_speeds(path.poses, path.body)
     s = path.s + driven_before(motion)
     cuts = s[1:-1][most[1:] != most[:-1]].tolist()
     for piece, low, high in stretches_of(motion, {*points, *cuts}):
+        if high - low <= 2 * TOLERANCES.arrived:
+            continue
         first = int(np.searchsorted(s, low + TOLERANCES.arrived, side="right")) - 1
         last = int(np.searchsorted(s, high - TOLERANCES.arrived))
         yield piece, low, high, float(path.tops[max(0, first) : last].max())
