@@ -128,7 +128,7 @@ class Driver:
     ) -> None:
         self.robot, self.link, self.base = robot, link, base
         self.clock, self.wait = clock, wait
-        self.number = self.day = 0
+        self.number = 0
         self.motion, self.pieces = "", list[Piece]()
         self.piece, self.gone = 0, 0.0
         self.goal: Goal | None = None
@@ -143,8 +143,6 @@ class Driver:
         try:
             command = self.link.command(self.robot, self.number, self.wait)
             self.number = command["number"]
-            if command.get("day", self.day) != self.day:
-                self._begin_day(command["day"])
             self._obey(command)
             self.link.report(self.robot, self._told(command))
         except LostError as error:
@@ -161,12 +159,6 @@ class Driver:
             self._work(command)
         else:
             self._stop()
-
-    def _begin_day(self, day: int) -> None:
-        """Forget what was done on another day: activities of several days may be called alike."""
-        self._stop()
-        self.day, self.motion, self.pieces, self.piece = day, "", [], 0
-        self.working = self.over = ""
 
     def _stop(self) -> None:
         """Stop, if anything is under way."""

@@ -31,7 +31,7 @@ from up_samp.execution import (
 from up_samp.execution.graph import ORIGIN
 from up_samp.execution.reports import TAKEN
 from up_samp.execution.simulate import Floor, simulation_of
-from up_samp.execution.state import told_places
+from up_samp.execution.state import TaskPhase, told_places
 from up_samp.execution.travel import along
 from up_samp.model import ProblemError
 
@@ -215,7 +215,7 @@ def test_nonsense_of_all_kinds_ends_nothing(yaml):
             pose = (rng.choice(wild), rng.choice(wild), rng.choice(wild))
             executor.update(rng.choice(list(floor.robots)), pose=pose, now=floor.now)
             name, now = rng.choice([m for m in names if m]), rng.choice(wild[:6])
-            if now is None and name in executor._running:
+            if now is None and name in executor.state.those(TaskPhase.RUNNING):
                 continue  # that could be true
             assert executor.done(name, now).heard in (Heard.AGAIN, Heard.IGNORED)
         assert executor.finished
@@ -337,7 +337,7 @@ def test_a_saved_execution_goes_on_as_if_nothing_had_been(yaml):
 def test_a_plan_is_joined_where_its_robots_say_that_they_are(yaml, ticks):
     problem, plan, found, floor = half_done(yaml, 5, ticks)
     old = floor.executive
-    under_way = {name: {} for name in old._running}
+    under_way = {name: {} for name in old.state.those(TaskPhase.RUNNING)}
     for robot in floor.robots.values():
         if robot.motion in under_way:
             path = next(

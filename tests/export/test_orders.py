@@ -18,6 +18,8 @@ from tests.usual import usually
 from up_samp import Fleet
 from up_samp.cli import main
 from up_samp.execution import with_dependencies
+from up_samp.execution.files import event_from_list
+from up_samp.execution.graph import ORIGIN, At, Event
 from up_samp.export import export_plan
 from up_samp.export.mcap_file import DEFINITIONS
 from up_samp.export.steps import steps_of
@@ -206,7 +208,7 @@ def test_no_step_begins_before_what_it_depends_on(plan):
         when = follow(steps, np.random.default_rng(seed))
         assert when is not None, "the steps wait for each other"
         for edge in plan["dependencies"]["edges"]:
-            first, then = tuple(edge["first"]), tuple(edge["then"])
+            first, then = event_from_list(edge["first"]), event_from_list(edge["then"])
             if first in when and then in when:
                 early = when[then] - when[first] - edge["lag"]
                 assert early > -5e-3, edge
@@ -214,7 +216,7 @@ def test_no_step_begins_before_what_it_depends_on(plan):
 
 def follow(steps, random):
     """Return when each event happens if robots take 1 to 3 times as long as planned."""
-    when = {("origin",): 0.0}
+    when = {ORIGIN: 0.0}
     clock = dict.fromkeys(steps, 0.0)
     todo = {robot: list(own) for robot, own in steps.items()}
     while any(todo.values()):
@@ -262,7 +264,8 @@ def test_who_waits_for_an_end_waits_for_what_that_waits_for(tmp_path, seed):
     for k in range(10):
         when = follow(steps, np.random.default_rng(k))
         assert when is not None
-        assert all(when["start", last] > when["end", one] - 5e-3 for one, _, last in asked)
+        for one, _, last in asked:
+            assert when[Event(At.START, last)] > when[Event(At.END, one)] - 5e-3
 
 
 def test_points_are_come_to_late_and_left_early(plan, tmp_path):
@@ -276,15 +279,16 @@ def test_points_are_come_to_late_and_left_early(plan, tmp_path):
             motion = motions[step.activity, robot]
             times = [row[0] for row in motion["samples"]]
             low, high = np.interp(step.piece.rows[[0, -1], 0], times, motion["progress"])
-            for event in (e for e in (*step.begins, *step.happens) if len(e) == 4):
-                at = event[-1]
+            for event in (e for e in (*step.begins, *step.happens) if e.object):
+                at = event.progress
                 seen.add(event)
-                if event[0] == "reach":
+                if event.at is At.REACH:
                     assert high >= min(at + error, motion["progress"][-1]) - 2e-3
                 else:
                     assert low <= max(at - error, 0.0) + 2e-3
-    ends = (tuple(edge[e]) for edge in plan["dependencies"]["edges"] for e in ("first", "then"))
-    assert seen == {event for event in ends if len(event) == 4}
+    edges = plan["dependencies"]["edges"]
+    ends = (event_from_list(edge[e]) for edge in edges for e in ("first", "then"))
+    assert seen == {event for event in ends if event.object}
     export_plan(plan, "vda5050", tmp_path)
     told = read(tmp_path / "releases.json")
     assert told["localisation"] == error

@@ -80,3 +80,31 @@ def test_what_is_on_board_is_not_brought_between_two_windows(tmp_path, seed):
         assert day.verdict().good, (day.verdict(), day.story())
     finally:
         day.operation.close()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_too_late_for_its_windows_is_not_planned_again_and_again(tmp_path, seed):
+    """It was asked for as long as the day lasted, and its log said nothing of why it waits."""
+    rng = random.Random(f"too late {seed}")
+    day = Day(tmp_path, robots=2, seed=seed)
+    windows = [[0, 2.5], [4, 6.2]][: rng.choice((1, 2))]
+    stop = {"at": "rack0", "service": 2, "window": rng.sample(windows, len(windows))}
+    shapes = ({"pickup": stop}, {"delivery": stop}, {"at": "rack0", "window": windows})
+    shape = {"pickup": "shelf1", "delivery": "dock0", **shapes[seed]}
+    names = ("at", "duration", "window") if "at" in shape else ("pickup", "delivery")
+    late = {k: {"duration": 2, **shape}[k] for k in names}
+    try:
+        day.operation.add({"id": "late", **late})
+        day.order("o0", "rack1", "dock1")
+        day.until(lambda: day.state("o0") == "done")
+        asked = len(day.operation.costs)
+        stop = day.clock.now() + 120.0
+        day.until(lambda: day.clock.now() > stop)
+        assert len(day.operation.costs) == asked
+        assert day.state("late") == "waiting"
+        assert day.story(500).count("its windows are over") == 1
+        day.restart()
+        day.step()
+        assert day.story(500).count("its windows are over") == 1
+    finally:
+        day.operation.close()

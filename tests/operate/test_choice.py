@@ -18,7 +18,8 @@ class Standing(Day):
     def __init__(self, fleet, stuck=False):
         self.settings, self.clock, self.site = Settings(), SimulatedClock(), fleet.records
         self.poses = {r: self._home(robot.start) for r, robot in self.site.robots.items()}
-        self.meanings, self.jobs, self.away, self.placed, self.limits = {}, {}, {}, {}, {}
+        self.meanings, self.jobs, self.away, self.placed = {}, {}, {}, {}
+        self.using = {}
         self.shut, self.aside, self.tried, self.areas = {}, {}, {}, {}
         self.cramped = set()
         self.stuck, self.carrying, self.ends = stuck, {}, {}

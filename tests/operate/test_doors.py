@@ -188,7 +188,7 @@ def test_an_opening_is_not_begun_at_a_door_that_is_out_of_order(tmp_path):
         day.operation.close_door("gate")
         told = day.operation.executor.withdrawn
         assert list(told.values()) == ["door 'gate' is out of order"]
-        assert day.operation.limits  # those that lead through it end before
+        assert day.operation.executor.state.limits  # those that lead through it end before
         day.restart()
         assert day.operation.shut == {"gate": "out of order"}
         assert day.operation.executor.withdrawn == told

@@ -71,6 +71,18 @@ def test_who_is_low_charges_by_itself_and_its_level_is_kept(days, tmp_path):
     assert day.verdict().good, day.story()
 
 
+@pytest.mark.parametrize("told", [True, False])
+def test_who_tells_no_level_of_its_battery_is_noted_once(days, tmp_path, told):
+    """It counted as full as at first for ever, and nothing said so."""
+    day = days(fleet=charged_hall(tmp_path, robots=2))
+    if not told:
+        del day.robots.batteries["r0"], day.robots.levels["r0"]
+    day.order("o0", "rack0", "dock0", robots=["r0"])
+    day.run()
+    assert day.story(500).count("tells no level") == (not told)
+    assert day.verdict().good, day.story()
+
+
 def test_an_agv_charges_and_stops_in_the_words_of_vda_5050(days, tmp_path):
     pytest.importorskip("paho.mqtt", reason="needs the extra [mqtt]: paho-mqtt")
     quiet = partial(AgvFloor, lost=0.0, twice=0.0, late=0.0)

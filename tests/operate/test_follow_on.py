@@ -76,7 +76,7 @@ def followed(seed, yaml):
     rng.shuffle(names)
     try:
         new = Executor(plan, dependencies=replace(told, graph=with_sides(told, turned)))
-        follow_on(new, old, Cut(0.0, kept=tuple(names), begun=begun), 0.0, {})
+        follow_on(new, old, Cut(0.0, kept=tuple(names), begun=begun), 0.0)
     except ProblemError:
         return None
     return rng, new, moments[-1]

@@ -1,6 +1,7 @@
 """Robots break down, join and are held; areas are blocked; orders are changed and cancelled."""
 
 import math
+import random
 
 import numpy as np
 import pytest
@@ -203,14 +204,14 @@ def test_who_stands_before_a_blocked_area_stays_out_whatever_happens_then(day, w
     x, y, _ = path.poses_at(np.array([ahead]))[0]
     people = box(x - 0.4, y - 0.4, x + 0.4, y + 0.4)
     operation.block("people", people.exterior.coords[:-1])
-    limit = operation.limits[way.activity]
+    limit = operation.executor.state.limits[way.activity]
     day.until(lambda: way.told > limit - 0.1, 10)
     if what == "restart":
         day.restart()
     else:
         shape = people if what == "the same again" else box(20, 12, 21, 13)
         operation.block("more" if what == "another" else "people", shape.exterior.coords[:-1])
-    assert day.operation.limits[way.activity] == pytest.approx(limit, abs=0.2)
+    assert day.operation.executor.state.limits[way.activity] == pytest.approx(limit, abs=0.2)
     day.run()
     assert day.state("o0") == "done"
     assert day.verdict().good
@@ -229,7 +230,7 @@ def test_an_area_is_blocked_while_somebody_brakes_for_its_goal(day):
 
     day.until(brakes)
     day.operation.block("elsewhere", [(20.0, 12.0), (21.0, 12.0), (21.0, 13.0)])
-    assert day.operation.limits == {}
+    assert day.operation.executor.state.limits == {}
 
 
 def test_orders_are_cancelled_and_changed_until_they_begin(day):
@@ -477,5 +478,46 @@ def test_who_cannot_bring_its_order_now_waits_and_keeps_nobody_else_waiting(tmp_
         day.run()
         assert day.state("o0") == "done"
         assert day.verdict().good, day.story()
+    finally:
+        day.operation.close()
+
+
+@pytest.mark.parametrize("moved", [False, True])
+@pytest.mark.parametrize("seed", range(3))
+def test_what_a_robot_uses_that_leaves_is_used_by_nobody_else_until_it_is_away(
+    tmp_path, seed, moved
+):
+    """It stands in the gate, say: others were sent there, as if it had let go of it."""
+    rng = random.Random(f"holds {seed}")
+    fleet, most = hall(tmp_path, robots=2), rng.choice((1, 2))
+    fleet.add_resource("gate", most)
+    day = Day(tmp_path, fleet=fleet, seed=seed)
+    uses = [{"at": f"rack{k}", "service": 12, "resources": ["gate"]} for k in range(3)]
+    first, other, _ = rng.sample(uses, 3)
+    second = rng.sample([other, "shelf0"], 2)
+    try:
+        day.order("first", first, "dock0", robots=["r0"])
+        day.until(lambda: any(w.robot == "r0" for w in day.robots.work.values()), 90)
+        day.order("other", "shelf1", "dock1", robots=["r1"])
+        ends = dict(zip(("pickup", "delivery"), second, strict=True))
+        day.operation.add({"id": "second", **ends, "robots": ["r1"]})
+        for _ in range(rng.choice((1, 30))):
+            day.step()
+        day.operation.leave("r0", "broken")
+        left = day.clock.now()
+        if rng.random() < 0.5:
+            day.restart()
+        day.until(lambda: day.clock.now() > left + 150.0, 200)
+        assert (day.state("second") == "done") == (most == 2)
+        assert day.state("other") == "done"
+        assert day.verdict().overfull == ()
+        pose = (3.0, 11.5, 0.0) if moved else None
+        if moved:
+            day.robots.put("r0", pose)
+            day.operation.leave("r0", "towed away", pose)
+        else:
+            day.operation.join("r0")
+        day.until(lambda: day.state("second") == "done", 400)
+        assert day.verdict().contacts == day.verdict().overfull == ()
     finally:
         day.operation.close()

@@ -24,11 +24,10 @@ class Far:
     """Robots, orders and the clock are in another process, which is not killed."""
 
     waits = True
-    faults = ()
 
     def __init__(self, pipe):
         self.pipe = pipe
-        self.levels = {}
+        self.levels, self.faults = {}, []
 
     def _ask(self, *what):
         self.pipe.send(what)

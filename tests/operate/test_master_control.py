@@ -4,6 +4,7 @@ is driven that is not to be driven any more. Simulated AGVs, in simulated time.
 
 import itertools
 import math
+from contextlib import closing
 from functools import partial
 
 import numpy as np
@@ -14,6 +15,7 @@ from tests.operate.sites import hall
 from tests.operate.wire import AgvFloor
 from up_samp import Fleet
 from up_samp.geometry.maps import write_map
+from up_samp.operate.store import Store
 
 
 def quiet(site, mishaps, seed, **spoken):
@@ -221,10 +223,12 @@ def test_robots_that_drive_from_node_to_node_are_told_when_they_drive_backwards(
 
 @pytest.mark.parametrize("over", [True, False])
 def test_what_an_agv_did_yesterday_is_not_what_it_is_to_do_today(tmp_path, over):
-    """What it knows of is called alike: it was taken for done, or its old way for the new one."""
+    """It was taken for done, or its old way for the new one: what it knows of was called alike."""
     folders = [tmp_path / "one", tmp_path / "two"]
     for folder in folders:
         folder.mkdir()
+        with closing(Store(folder / "day.db")) as store, store:
+            store.keep("mark", f".{folder.name}")  # as days by real clocks have one
     day = Day(folders[0], robots=1, mishaps=NONE, floor=quiet)
     work = {"id": "o0", "at": "home0" if over else "rack0", "duration": 4}
     day.operation.add(work)
@@ -243,7 +247,7 @@ def test_what_an_agv_did_yesterday_is_not_what_it_is_to_do_today(tmp_path, over)
         again.operation.add(work)
         again.run()
         assert len(agv.handled) == before + 1
-        assert agv.orders[told]["orderId"].endswith("#1~1")
+        assert agv.orders[told]["orderId"].endswith("#1.two")
         assert agv.refused == []
         assert again.verdict().lost == ()
     finally:

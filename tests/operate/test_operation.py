@@ -3,16 +3,17 @@
 import math
 import os
 import random
+import time
 from dataclasses import replace
 
 import pytest
 
-from tests.operate.days import Day
+from tests.operate.days import Day, Here
 from tests.operate.sites import hall
 from up_samp.execution.floor import Delays
 from up_samp.fleet.faults import FleetError
 from up_samp.model import ProblemError
-from up_samp.operate import Operation, SimulatedClock, Store
+from up_samp.operate import Operation, RealClock, Settings, SimulatedClock, Store
 from up_samp.operate.order_file import OrderFile
 from up_samp.operate.simulated import Mishaps, SimulatedRobots
 
@@ -76,6 +77,24 @@ def test_a_plan_counts_on_being_followed_a_tick_after_it_is_there(day):
     day.until(lambda: day.operation.costs)
     there, *_ = day.operation.costs[0]
     assert there + day.settings.tick <= since + question.settings.lead
+
+
+def test_activities_of_several_days_are_never_called_alike(tmp_path):
+    """Robots run on while the floor's days begin anew, and would take one for done by its name."""
+    told = []
+    for _ in range(2):
+        robots, clock = SimulatedRobots({"r0": (1.5, 1.5, 0.0)}), RealClock(time.time())
+        settings = Settings(budget=30.0, tick=0.0)
+        day = Operation(
+            hall(tmp_path, robots=1), store=Store(tmp_path / f"{len(told)}.db"), robots=robots,
+            clock=clock, planner=Here(), settings=settings,
+        )  # fmt: skip
+        day.add({"id": "o0", "at": "rack0", "duration": 4})
+        while not day.meanings:
+            day.step()
+        told.append(set(day.meanings))
+        day.close()
+    assert told[0].isdisjoint(told[1])
 
 
 def test_a_robot_may_start_at_a_pose_of_its_own(tmp_path):

@@ -81,7 +81,7 @@ def test_no_plan_is_taken_over_in_which_somebody_is_beyond_where_it_waits(crosse
     old.commands(1.0)
     old.update("r0", progress=driven, now=4.0)
     day = SimpleNamespace(
-        executor=old, origin=0.0, settings=Settings(), limits={}, _following={},
+        executor=old, origin=0.0, settings=Settings(), _following={},
     )  # fmt: skip
     begun = {n: 3.0 for n, p in old.state.phase.items() if p is not TaskPhase.WAITING}
     ask = SimpleNamespace(cut=Cut(0.0, kept=(*names.values(),), begun=begun))
@@ -190,7 +190,7 @@ def test_a_gate_that_lies_a_little_earlier_in_a_new_plan_holds_nobody_who_is_let
     old.state.of_object[waits].let = at
     new = Executor(wide)
     cut = Cut(0.0, kept=(*names.values(),), begun=dict.fromkeys(names.values(), 1.0))
-    follow_on(new, old, cut, 0.0, {})
+    follow_on(new, old, cut, 0.0)
     way = new.state.ways[names[waits], waits]
     assert at - 1e-3 <= new.state.until(way) < way.length
     again = Executor.restore(wide, new.save())

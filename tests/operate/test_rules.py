@@ -105,6 +105,12 @@ def test_robots_are_told_how_fast_they_may_drive_where(tmp_path):
                     seen.add((piece.direction, inside))
                     assert 0 < speed <= (0.4 if inside else 1.5)
                     assert speed <= 0.3 or piece.direction == "forward"
+            # a turn by rounding at its end: telling of it ended the day
+            (since, x, y, theta), s = motion["samples"][-1], motion["progress"]
+            last = [since + 1e-3, x, y, theta + 2e-6]
+            turned = {**motion, "samples": [*motion["samples"], last], "progress": [*s, s[-1]]}
+            told = [(low, high) for _, low, high, _ in stretches_told(turned, path)]
+            assert told == [(low, high) for _, low, high, _ in stretches_told(motion, path)]
         assert {("forward", False), ("forward", True)} <= seen
     finally:
         day.operation.close()

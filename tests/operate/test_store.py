@@ -24,7 +24,8 @@ def test_what_is_kept_comes_back(tmp_path):
     store.close()
     again = Store(tmp_path / "day.db")
     assert again.jobs() == {"o1": job}
-    assert again.plan(3) == {"a": [1, 2]}
+    assert again.plan(3) == (1.0, {"a": [1, 2]})
+    assert again.last_plan() == 3
     number, saved, reports = again.snapshot()
     assert (number, saved) == (3, {"now": 2.0})
     assert reports == [Report("r1", 3.0, "move", pose=(1.0, 2.0, 0.0))]

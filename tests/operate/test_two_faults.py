@@ -108,7 +108,7 @@ def test_who_comes_back_into_the_area_that_it_leaves_waits_outside(days):
     down = [box(a - 0.4, min(b, 3.6), a + 0.4, 3.8) for a, b in ((x, y), (u, v))]
     shape = Polygon(ends[0].union(beside).union(ends[1]).union(down[0]).union(down[1]).exterior)
     day.operation.block("people", shape.exterior.coords[:-1])
-    limit = day.operation.limits[way.activity]
+    limit = day.operation.executor.state.limits[way.activity]
     assert stands + 0.5 < limit < stands + 5.0
     held = day.clock.now() + 12.0
     day.until(lambda: day.clock.now() > held)
@@ -129,7 +129,7 @@ def test_who_stands_before_an_area_stays_out_where_another_one_is_blocked_after_
     x, y, _ = path.poses_at(np.array([ahead]))[0]
     people, since = around(x, y, 0.4), day.clock.now()
     day.operation.block("people", people.exterior.coords[:-1])
-    limit = day.operation.limits[way.activity]
+    limit = day.operation.executor.state.limits[way.activity]
     day.until(lambda: way.told > limit - 0.1, 15)
     for _ in range(rng.randrange(3)):
         day.step()
@@ -137,7 +137,7 @@ def test_who_stands_before_an_area_stays_out_where_another_one_is_blocked_after_
     if rng.random() < 0.5:
         day.restart()
     day.operation.block("more", box(20, 12, 21, 13).exterior.coords[:-1])
-    assert day.operation.limits[way.activity] == pytest.approx(limit, abs=0.2)
+    assert day.operation.executor.state.limits[way.activity] == pytest.approx(limit, abs=0.2)
     day.run()
     assert not any(b.intersects(people) for *_, b in bodies(day, since))
     assert day.verdict().good, day.story()
@@ -158,9 +158,9 @@ def test_who_is_inside_drives_out_also_after_a_restart(days, tmp_path, what):
         shape = box(x - 1.0, y - 0.8, x + 0.6, y + 0.8)
         day.operation.block("people", shape.exterior.coords[:-1])
         out = lambda: not list(bodies(day))[-1][2].intersects(shape)  # noqa: E731
-    before = dict(day.operation.limits)
+    before = dict(day.operation.executor.state.limits)
     day.restart()
-    assert day.operation.limits.keys() == before.keys()
+    assert day.operation.executor.state.limits.keys() == before.keys()
     day.until(out, 20)
 
 

@@ -173,28 +173,3 @@ def test_too_large_a_tolerance_is_said(drive):
     robot.here = (0.8, 0.0, 0.0)
     driver.step()
     assert "0.20 m from its goal" in driver.problem
-
-
-def test_what_is_called_as_on_another_day_is_done_again(drive):
-    """The driver runs on while the floor's days begin anew, and count their activities from one."""
-    floor, robot, _, driver = drive(motion="move", until=FAR, day=1)
-    for _ in range(4):
-        driver.step()
-        driver.step()
-        robot.come()
-    assert floor.heard[-1]["done"] == "move"
-    work = {"activity": "pick#1", "action": "pick", "may_end": True}
-    floor.say("do", day=1, **work)
-    driver.step()
-    robot.come()
-    driver.step()
-    assert floor.heard[-1]["done"] == "pick#1"
-    robot.here, robot.told = (0.0, 0.0, 0.0), []
-    floor.say("do", day=2, **work)
-    driver.step()
-    assert robot.told == [("work", "pick#1")]
-    assert "done" not in floor.heard[-1]
-    floor.say("go", motion="move", until=0.5, day=2)
-    driver.step()
-    assert robot.told[-1] == ("follow", pytest.approx((0.5, 0.0, 0.0)))
-    assert "done" not in floor.heard[-1]

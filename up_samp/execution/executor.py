@@ -112,10 +112,10 @@ class Executor(Followed):
         self.withdrawn: dict[str, str] = {}
         """Activities that are not to begin any more, and why; what comes after them waits."""
         self._astray: dict[str, Overrun] = {}
-        self._running: dict[str, None] = {}
-        self._ready = dict.fromkeys(sorted(graph.tasks, key=lambda n: graph.tasks[n].planned))
-        whose = dict.fromkeys(who for name in self._ready for who in graph.tasks[name].who)
-        self._of_robot = {r: [n for n in self._ready if r in graph.tasks[n].who] for r in whose}
+        every = sorted(graph.tasks, key=lambda n: graph.tasks[n].planned)
+        whose = dict.fromkeys(who for name in every for who in graph.tasks[name].who)
+        self.turns = {r: [n for n in every if r in graph.tasks[n].who] for r in whose}
+        """Each robot's activities, in the order of the plan."""
 
     @property
     def narrow(self) -> tuple[Narrow, ...]:
@@ -154,8 +154,8 @@ class Executor(Followed):
             "now": state.now,
             "tolerance": state.tolerance,
             "localisation": self.localisation,
-            "running": list(self._running),
-            "done": [n for n, phase in state.phase.items() if phase is TaskPhase.DONE],
+            "running": state.those(TaskPhase.RUNNING),
+            "done": state.those(TaskPhase.DONE),
             "fired": [[event_to_list(event), time] for event, time in state.fired.items()],
             "moved_on": [[event_to_list(event), by] for event, by in state.moved_on.items()],
             "motions": [
@@ -167,6 +167,7 @@ class Executor(Followed):
             "sides": [[*k, side] for k, side in self.sides.items() if not isinstance(k, int)],
             "turned": [k for k, side in self.sides.items() if isinstance(k, int) and not side],
             "pace": state.pace.saved(),
+            "limits": dict(state.limits),
         }
 
     @classmethod
@@ -238,16 +239,15 @@ class Executor(Followed):
         strayed = known.get("strayed", {}).items()
         state.strayed = {r: Strayed((x, y, a), off, at) for r, (x, y, a, off, at) in strayed}
         state.pace.load(known["pace"])
+        state.limits = dict(known.get("limits", {}))
         state.load(state.graph if graph is None else graph)
         self.bar()
 
     def _note_begun(self, running: Collection[str], done: Collection[str]) -> None:
         """Note which activities are under way, or over, where nothing has begun so far."""
         state = self.state
-        for name in (*running, *done):
-            del self._ready[name]
-            state.phase[name] = TaskPhase.RUNNING if name in running else TaskPhase.DONE
-        self._running = dict.fromkeys(running)
+        state.phase |= dict.fromkeys(running, TaskPhase.RUNNING)
+        state.phase |= dict.fromkeys(done, TaskPhase.DONE)
         state.of_object = {w.object: w for name in running for w in state.ways_of[name]}
 
     def join(
@@ -265,7 +265,7 @@ class Executor(Followed):
         Raises :class:`ProblemError` where that cannot have come about by the plan.
         """
         state = self.state
-        if self._running or len(self._ready) < len(state.graph.tasks):
+        if state.those(TaskPhase.RUNNING, TaskPhase.DONE):
             raise ProblemError("a plan can be joined only before anything of it has begun")
         for name in (*done, *under_way, *times):
             if name not in state.phase:
@@ -577,7 +577,6 @@ class Executor(Followed):
             self.state.finish(way)
             self.state.of_object.pop(way.object, None)
         self.state.fire(self.state.end_number[activity], self.state.now)
-        del self._running[activity]
 
     # ------------------------------------------------------------------ who is astray
 
@@ -609,39 +608,35 @@ class Executor(Followed):
             self.state.tick(now)
         if self._astray:
             self.bar()
-        for name in [n for n in self._running if self.state.graph.tasks[n].moves]:
-            self._finish_motion(name)
+        for name in self.state.those(TaskPhase.RUNNING):
+            if self.state.graph.tasks[name].moves:
+                self._finish_motion(name)
         self._begin()
-        found: dict[str, Command] = {}
-        for name in self._running:
-            for way in self.state.ways_of[name]:
-                found[way.object] = self._drive(way)
-        for name in self._running:
+        found: dict[str, Command] = {r: self._drive(w) for r, w in self.state.of_object.items()}
+        for name in self.state.those(TaskPhase.RUNNING):
             task = self.state.graph.tasks[name]
             if not task.moves:
                 command = Do(name, self.state.may_happen(self.state.end_number[name]))
                 for who in [w for w in task.who if w not in found] or [name]:
                     found[who] = command
-        for robot in self._of_robot:
+        for robot in self.turns:
             if robot not in found:
                 found[robot] = Hold(self._standing(robot))
         return found
 
     def _standing(self, robot: str) -> tuple[str, ...]:
         """Return why a robot without a motion or a task does nothing, in words."""
-        first = next((n for n in self._of_robot.get(robot, ()) if n in self._ready), "")
-        why = self._held.get(robot) or self.withdrawn.get(first)
+        why = self._held.get(robot) or self.withdrawn.get(self._to_do(robot))
         return (why,) if why else self._missing(self._next_of(robot))
 
     def _begin(self) -> None:
         state = self.state
-        for name in [n for n in self._ready if state.may_happen(state.start_number[n])]:
+        waiting = state.those(TaskPhase.WAITING)
+        for name in [n for n in waiting if state.may_happen(state.start_number[n])]:
             ways = state.ways_of[name]
             barred = name in self.withdrawn
             if barred or any(w.object in state.of_object or w.object in self._held for w in ways):
                 continue
-            del self._ready[name]
-            self._running[name] = None
             state.phase[name] = TaskPhase.RUNNING
             state.fire(state.start_number[name], state.now)
             for way in ways:
@@ -657,6 +652,8 @@ class Executor(Followed):
         until = state.until(way)
         if way.progress < until - state.tolerance:
             return Go(way.activity, self._let(way, until))
+        if until == state.limits.get(way.activity):
+            return Hold((f"the way of '{way.activity}' is blocked",))
         if until == state.bars.get((way.activity, way.object)):
             return Hold(tuple(str(o) for o in self.overruns if way.object in (*o.held, *o.met)))
         return Hold(self._missing(self._next_of(way.object)))
@@ -670,13 +667,17 @@ class Executor(Followed):
             way.let = max(way.let, min(until, far))
         return min(way.let, until)
 
+    def _to_do(self, robot: str) -> str:
+        """Return what is next of what a robot has not begun ("": nothing)."""
+        mine, phase = self.turns.get(robot, ()), self.state.phase
+        return next((n for n in mine if phase[n] is TaskPhase.WAITING), "")
+
     def _next_of(self, robot: str) -> int | None:
         """Return the event that is next for a robot: its closed gate, an end or a start."""
         state = self.state
         way = state.of_object.get(robot)
         if way is None:
-            name = next((n for n in self._of_robot.get(robot, ()) if n in self._ready), None)
-            return None if name is None else state.start_number[name]
+            return state.start_number.get(self._to_do(robot))
         closed = state.closed(way)
         return state.end_number[way.activity] if closed is None else closed
 
@@ -702,12 +703,7 @@ class Executor(Followed):
     @property
     def finished(self) -> bool:
         """Whether every activity is done."""
-        return not self._ready and not self._running
-
-    @property
-    def left(self) -> tuple[int, int]:
-        """How many activities have not begun, and how many are under way."""
-        return len(self._ready), len(self._running)
+        return not self.state.those(TaskPhase.WAITING, TaskPhase.RUNNING)
 
     @property
     def awaits_time(self) -> bool:

@@ -80,8 +80,7 @@ def shown_with_dependencies(problem: SchedulingProblem, plan: PlanDict) -> tuple
 def _with_progress(motion: Mapping[str, Any], drive: DriveCells | None) -> dict[str, Any]:
     if drive is None:  # it goes nowhere
         return {**motion, "progress": [0.0] * len(motion["samples"])}
-    progress = np.maximum.accumulate(drive.path.natural_s)
-    return {**motion, "progress": [round(float(s), 6) for s in progress]}
+    return {**motion, "progress": [round(float(s), 6) for s in drive.planned[1]]}
 
 
 def _narrow_to_dict(place: Narrow) -> dict[str, Any]:
@@ -202,15 +201,9 @@ def dependency_faults(problem: SchedulingProblem, plan: PlanDict) -> list[str]:
         found += _faults_alone(plan, told, alone=False) or graph_faults(told.graph, made.graph)
     except SampError as error:
         return [*found, str(error)]
-    left = {_unexplained(_choice_from_dict(_choice_to_dict(choice))) for choice in made.choices}
-    extra = [c for c in told.choices if _unexplained(c) not in left]
-    found += [f"the choice '{c[0].why}' is none that the problem leaves" for c in extra]
-    return found
-
-
-def _unexplained(choice: Choice) -> Choice:
-    one, two = (replace(way, why="") for way in choice)
-    return one, two
+    left = [{**_choice_to_dict(choice), "why": ""} for choice in made.choices]
+    extra = [c for c in told.choices if {**_choice_to_dict(c), "why": ""} not in left]
+    return [*found, *(f"the choice '{c[0].why}' is none that the problem leaves" for c in extra)]
 
 
 def _avoid_faults(plan: PlanDict, by_problem: PlanDict) -> list[str]:
@@ -356,7 +349,7 @@ def place_faults(plan: PlanDict, lives: Mapping[str, Life], events: Iterable[Eve
     for motion in plan["motions"]:
         drive = drives.get((motion["activity"], motion["object"]))
         told = np.asarray(motion["progress"], dtype=np.float64)
-        real = 0.0 * told if drive is None else np.maximum.accumulate(drive.path.natural_s)
+        real = 0.0 * told if drive is None else drive.planned[1]
         off = np.abs(told - real)
         if np.any(off > TOLERANCES.place):
             k = int(np.argmax(off))

@@ -419,14 +419,12 @@ class _Builder:
         """Return when what is over really started and ended (units)."""
         return {
             name: (self._started(name), self.state.fired[Event(At.END, name)] / self.unit)
-            for name, phase in self.state.phase.items()
-            if phase is TaskPhase.DONE and name not in self.gone
+            for name in self.state.those(TaskPhase.DONE)
+            if name not in self.gone
         }
 
     def _running(self) -> list[str]:
-        return [
-            n for n, p in self.state.phase.items() if p is TaskPhase.RUNNING and n not in self.gone
-        ]
+        return [n for n in self.state.those(TaskPhase.RUNNING) if n not in self.gone]
 
     # ------------------------------------------------------------------ the new problem
 

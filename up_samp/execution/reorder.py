@@ -366,7 +366,7 @@ def tied(executor: Followed, decisions: Sequence[Decision]) -> tuple[Times, list
         times.all_after(decision.needs[True], k + 1)
         times.all_after(decision.needs[False], -k - 1)
     times.chain()
-    left = [name for name, phase in executor.state.phase.items() if phase is not TaskPhase.DONE]
+    left = executor.state.those(TaskPhase.WAITING, TaskPhase.RUNNING)
     return times, [times.event(Event(At.END, name)) for name in left]
 
 
@@ -463,7 +463,7 @@ def _value(
 ) -> cp_model.LinearExprT:
     """Return what the ends that count cost, in a model of all times."""
     state = executor.state
-    left = [name for name, phase in state.phase.items() if phase is not TaskPhase.DONE]
+    left = state.those(TaskPhase.WAITING, TaskPhase.RUNNING)
     ends = {name: found[times.event(Event(At.END, name))] for name in left}
 
     if not executor.goals:

@@ -129,7 +129,7 @@ class Floor(SimulatedFloor):
         self.idle = self.idle + self.tick if still else 0.0
 
     def _state(self) -> tuple[Any, ...]:
-        return self.executive.left, tuple((r.motion, r.s) for r in self.robots.values())
+        return len(self.executive.state.fired), tuple((r.motion, r.s) for r in self.robots.values())
 
     def _begin(self, robot: SimulatedRobot, motion: str, now: float) -> None:
         super()._begin(robot, motion, now)

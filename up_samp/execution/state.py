@@ -197,6 +197,8 @@ class FloorState:
         self.bars: dict[tuple[str, str], float] = {}
         """How far (m) motions may go at most because somebody is where nobody should be; what is
         set down there without a motion (by a lift, a door) goes nowhere."""
+        self.limits: dict[str, float] = {}
+        """How far (m) motions (by activity) may go at most by what people say of the floor."""
         self.load(graph)
         self.fire(self.number[ORIGIN], 0.0)
 
@@ -250,6 +252,10 @@ class FloorState:
         for way in self.ways.values():
             way.marks.sort()
             way.gates.sort()
+
+    def those(self, *phases: TaskPhase) -> list[str]:
+        """Return the activities that are as far as that."""
+        return [name for name, phase in self.phase.items() if phase in phases]
 
     def fire(self, number: int, now: float) -> None:
         """Note that an event happened."""
@@ -363,10 +369,14 @@ class FloorState:
 
     def until(self, way: MotionUnderWay) -> float:
         """Return how far a motion may go by what its robot tells, and not where somebody is
-        astray.
+        astray, or beyond its limit.
         """
-        found = self.opened(way)
+        found = self.limited(way)
         return min(found, self.bars.get((way.activity, way.object), found))
+
+    def limited(self, way: MotionUnderWay) -> float:
+        """Return how far a motion may go where nobody is astray."""
+        return min(self.opened(way), self.limits.get(way.activity, math.inf))
 
     # ------------------------------------------------------------------ where robots come to rest
 
@@ -380,7 +390,7 @@ class FloorState:
         """Return the progress (m) at which a robot under way stands if it is told now to do so as
         soon as it can. Until it obeys it drives on as fast as it may, and has done so since it last
         told where it is (by an error more than that or less); but no farther than its next closed
-        gate, nor than it was let drive for good.
+        gate or its limit, nor than it was let drive for good.
         """
         here, seconds = self.here(way), way.reaction + self.silent(way.object)
         found = way.travel.stands_from(way.travel.time_at(here) + seconds) + way.error
@@ -392,7 +402,7 @@ class FloorState:
             found = min(found, here + starts)
         if self.astray(way) > 0.0:
             return found
-        return min(found, self.opened(way), way.let or math.inf)
+        return min(found, self.limited(way), way.let or math.inf)
 
     def stands(self, way: MotionUnderWay) -> bool:
         """Return whether a robot under way stood when it told last where it is."""

@@ -20,6 +20,8 @@ from xml.etree import ElementTree
 import numpy as np
 import yaml
 
+from up_samp.execution.files import event_to_list
+from up_samp.execution.graph import Event
 from up_samp.export.steps import RobotStep, quaternion, steps_of
 from up_samp.export.vda5050 import file_names
 from up_samp.io import PlanDict
@@ -56,7 +58,7 @@ def export(plan: PlanDict, folder: Path) -> list[Path]:
     return written
 
 
-def _trees(steps: Sequence[RobotStep], awaited: Set[tuple[Any, ...]]) -> list[list[int]]:
+def _trees(steps: Sequence[RobotStep], awaited: Set[Event]) -> list[list[int]]:
     """Return the numbers of the steps of each tree: it waits for others before its first step
     alone, and others for nothing but its begin and its end. Rides are in none: no node of Nav2's
     changes maps.
@@ -103,9 +105,9 @@ def _leg(number: int, step: RobotStep, maps: Sequence[str]) -> dict[str, Any]:
     leg: dict[str, Any] = {
         "leg": number,
         "activity": step.activity,
-        "wait_for": [{"event": list(w.event), "seconds": w.lag, "why": w.why} for w in step.waits],
-        "begins": [list(e) for e in step.begins],
-        "happens": [list(e) for e in step.happens],
+        "wait_for": [wait.told for wait in step.waits],
+        "begins": [*map(event_to_list, step.begins)],
+        "happens": [*map(event_to_list, step.happens)],
     }
     if step.lands:
         row = np.array([0.0, *step.lands])

@@ -13,14 +13,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from operator import itemgetter
 from typing import Any
 
 import numpy as np
 
-from up_samp.execution.files import dependencies_from_plan
+from up_samp.execution.files import dependencies_from_plan, event_to_list
+from up_samp.execution.graph import ORIGIN, At, Edge, Event
 from up_samp.execution.state import told_places
 from up_samp.io import PlanDict
 from up_samp.io.floors import map_number, own_frames
@@ -117,30 +118,32 @@ def robots_of(plan: PlanDict) -> list[str]:
 
 @dataclass(frozen=True)
 class StepWait:
-    """An event that has to come first, and for how long (s) at least.
+    """An event that has to come first, and for how long (s) at least."""
 
-    ``event`` is as in the plan file: ``("end", activity)``, ``("reach", activity, object, m)``.
-    """
-
-    event: tuple[Any, ...]
+    event: Event
     lag: float
     why: str
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """Itself as JSON would hold it."""
+        return {"event": event_to_list(self.event), "seconds": self.lag, "why": self.why}
 
 
 @dataclass(frozen=True, eq=False)
 class RobotStep:
     """``piece`` is None for an activity on the spot, which then lasts ``seconds``.
 
-    ``happens`` are the events, in the plan file's words, that are true when the step is done;
-    ``begins`` those that are true once it has begun. An activity that puts the robot elsewhere (a
+    ``happens`` are the events that are true when the step is done; ``begins`` those that are true
+    once it has begun. An activity that puts the robot elsewhere (a
     lift) ``lands`` it at a pose. Both, and a piece, are on the map number ``floor``.
     """
 
     robot: str
     activity: str
     waits: tuple[StepWait, ...]
-    begins: tuple[tuple[Any, ...], ...]
-    happens: tuple[tuple[Any, ...], ...]
+    begins: tuple[Event, ...]
+    happens: tuple[Event, ...]
     piece: PathPiece | None = None
     seconds: float = 0.0
     floor: int = 0
@@ -180,52 +183,48 @@ class StepReader:
         places, squeezed = told_places(graph, dependencies.errors)
         self.localisation = dependencies.localisation
         self.less = [*map(str, dependencies.narrow), *map(str, squeezed)]
-        # the progress (m) to be told at which a point has surely been come to, or not been left
-        told: dict[tuple[Any, ...], float] = {}
-        for k, place in places.items():
+        self.waits: dict[Event, list[StepWait]] = {}
+        self.points: dict[tuple[str, str], list[tuple[Event, float]]] = {}
+        """The progress (m) to be told at which points have surely been come to, or not been left.
+        """
+        for k in sorted(places, key=lambda k: graph.events[k].progress):
             event = graph.events[k]
-            told[event.at.value, event.activity, event.object, event.progress] = place
-        self.waits: dict[tuple[Any, ...], list[StepWait]] = {}
-        self.points: dict[tuple[str, str], dict[tuple[Any, ...], float]] = {}
-        self.tasks = {t["activity"]: t for t in plan["dependencies"]["tasks"]}
+            self.points.setdefault((event.activity, event.object), []).append((event, places[k]))
+        self.tasks = graph.tasks
         self.frames = own_frames(plan)
         self.puts = {(c["activity"], c["object"]): c for c in plan["changes"]}
         self.drivers = {m["object"] for m in plan["motions"]}
         self.motions = grouped(plan["motions"], itemgetter("activity"))
-        for edge in plan["dependencies"]["edges"]:
+        for edge in graph.edges:
             if not self._kept_anyway(edge):
-                wait = StepWait(tuple(edge["first"]), float(edge["lag"]), edge["why"])
-                self.waits.setdefault(tuple(edge["then"]), []).append(wait)
-            for happens in (edge["first"], edge["then"]):
-                if happens[0] in ("reach", "leave"):
-                    known = self.points.setdefault((happens[1], happens[2]), {})
-                    known[tuple(happens)] = told[tuple(happens)]
+                wait = StepWait(edge.first, edge.lag, edge.why)
+                self.waits.setdefault(edge.then, []).append(wait)
         for waits in self.waits.values():
             for wait in waits:  # robots tell that they are done without waiting for its end
-                own = self.waits.get(wait.event, ()) if wait.event[0] == "end" else ()
+                own = self.waits.get(wait.event, ()) if wait.event.at is At.END else ()
                 waits += [
                     more for w in own if (more := replace(w, lag=wait.lag + w.lag)) not in waits
                 ]
 
-    def _kept_anyway(self, edge: Mapping[str, Any]) -> bool:
+    def _kept_anyway(self, edge: Edge) -> bool:
         """Return whether a robot that does its steps in order cannot break an edge."""
-        first, then, lag = edge["first"], edge["then"], float(edge["lag"])
-        if edge["kind"] == "duration":
-            rows = [m["samples"] for m in self.motions.get(first[1], ())]
-            driven = min((r[-1][0] - r[0][0] for r in rows), default=None)
-            takes = float(self.tasks[first[1]]["expected"]) if driven is None else driven
-            return bool(takes >= lag - PRECISION.at_once)
-        if first[0] == "origin" or lag > PRECISION.at_once:
+        first, then = edge.first, edge.then
+        if edge.kind == "duration":
+            rows = [m["samples"] for m in self.motions.get(first.activity, ())]
+            expected = self.tasks[first.activity].expected
+            takes = min((r[-1][0] - r[0][0] for r in rows), default=expected)
+            return bool(takes >= edge.lag - PRECISION.at_once)
+        if first == ORIGIN or edge.lag > PRECISION.at_once:
             return False
         own = [self._robots(event) for event in (first, then)]
         return len(own[0]) == 1 and own[0] == own[1]
 
-    def _robots(self, event: Sequence[Any]) -> frozenset[str]:
+    def _robots(self, event: Event) -> set[str]:
         """Return who makes an event happen."""
-        if len(event) > 2:
-            return frozenset({str(event[2])})
-        moves = {m["object"] for m in self.motions.get(event[1], ())}
-        return frozenset(moves | set(self.tasks[event[1]]["who"]))
+        if event.object:
+            return {event.object}
+        moves = {m["object"] for m in self.motions.get(event.activity, ())}
+        return moves.union(self.tasks[event.activity].who)
 
     def steps(self) -> dict[str, list[RobotStep]]:
         """Return each robot's steps in order."""
@@ -235,20 +234,20 @@ class StepReader:
             name = activity["name"]
             moves = {m["object"] for m in self.motions.get(name, ())}
             moves |= {o for a, o in self.puts if a == name} & self.drivers
-            for robot in sorted(moves | set(self.tasks[name]["who"])) or [""]:
+            for robot in sorted(moves.union(self.tasks[name].who)) or [""]:
                 steps = self._steps(robot, activity)
                 waits = (*late.pop(robot, ()), *steps[0].waits)
                 steps[0] = replace(steps[0], waits=tuple(dict.fromkeys(waits)))
                 found.setdefault(robot, []).extend(steps)
-                late[robot] = self.waits.get(("end", name), [])
+                late[robot] = self.waits.get(Event(At.END, name), [])
         return found
 
     def _steps(self, robot: str, activity: Mapping[str, Any]) -> list[RobotStep]:
         name = activity["name"]
         motion = next((m for m in self.motions.get(name, ()) if m["object"] == robot), None)
-        seconds = float(self.tasks[name]["expected"])
-        begin = tuple(self.waits.get(("start", name), ()))
-        started, done = ("start", name), ("end", name)
+        seconds = self.tasks[name].expected
+        started, done = Event(At.START, name), Event(At.END, name)
+        begin = tuple(self.waits.get(started, ()))
         if motion is None:
             put = self.puts.get((name, robot), {})
             floor = map_number(put)
@@ -256,16 +255,16 @@ class StepReader:
             shared = robot, name, begin, (started,), (done,), None, seconds
             return [RobotStep(*shared, floor, lands)]
         steps: list[RobotStep] = []
-        points = set(self.points.get((name, robot), {}).values())
+        points = {place for _, place in self.points.get((name, robot), ())}
         floor = map_number(motion)
         for piece, low, high in stretches_of(motion, points):
             rows = piece.rows.copy()
             rows[:, 1:3] = self.frames[floor].points(rows[:, 1:3])
             rows[:, 3] += self.frames[floor].yaw
             waits = () if steps else begin
-            waits += self._at("leave", name, robot, low)
-            begins = tuple(self._events("leave", name, robot, low))
-            happens = tuple(self._events("reach", name, robot, high))
+            begins = self._events(At.LEAVE, name, robot, low)
+            waits += tuple(w for e in begins for w in self.waits.get(e, ()))
+            happens = self._events(At.REACH, name, robot, high)
             own = replace(piece, rows=rows)
             steps.append(RobotStep(robot, name, waits, begins, happens, own, 0.0, floor))
         if not steps:  # it stays where it is
@@ -274,13 +273,9 @@ class StepReader:
         steps[-1] = replace(steps[-1], happens=(*steps[-1].happens, done))
         return steps
 
-    def _events(self, kind: str, name: str, robot: str, at: float) -> list[tuple[Any, ...]]:
-        points = sorted(self.points.get((name, robot), {}).items())
-        return [e for e, p in points if e[0] == kind and abs(p - at) <= PRECISION.near]
-
-    def _at(self, kind: str, name: str, robot: str, at: float) -> tuple[StepWait, ...]:
-        events = self._events(kind, name, robot, at)
-        return tuple(w for e in events for w in self.waits.get(e, ()))
+    def _events(self, kind: At, name: str, robot: str, at: float) -> tuple[Event, ...]:
+        points = self.points.get((name, robot), ())
+        return tuple(e for e, p in points if e.at is kind and abs(p - at) <= PRECISION.near)
 
 
 def stretches_of(

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import shapely
 
+from up_samp.execution.graph import ORIGIN, Event
 from up_samp.export.steps import PathPiece, RobotStep, StepReader, StepWait, wrapped
 from up_samp.io import PlanDict
 from up_samp.io.floors import map_number, maps_of, named_maps, own_frames
@@ -37,9 +38,6 @@ EPOCH = "1970-01-01T00:00:00.00Z"
 """Time stamp of the messages: whoever sends them puts the time of sending there."""
 
 Message = dict[str, Any]
-Event = tuple[Any, ...]
-
-
 At = tuple[int, int]
 """A node of a robot: the how many-th of its orders (from 0), and the sequenceId there."""
 Release = tuple[Message, str, At, tuple[StepWait, ...]]
@@ -357,12 +355,12 @@ def _sorted(
 
     Raises :class:`ProblemError` where there is none: the dependencies have a cycle.
     """
-    known = {event for step in others for event in (*step.begins, *step.happens)}
+    known = {ORIGIN, *(e for step in others for e in (*step.begins, *step.happens))}
     released: dict[str, At] = {}
     queues = grouped(releases, itemgetter(1))
 
     def can_go(release: Release) -> bool:
-        needed = (w.event for w in release[3] if w.event not in known and w.event[0] != "origin")
+        needed = (w.event for w in release[3] if w.event not in known)
         at = (sign for event in needed for sign in seen.get(event, ()))
         return all(released.get(robot, (-1, 0)) >= last for robot, last, _ in at)
 
@@ -379,4 +377,4 @@ def _sorted(
 def _condition(wait: StepWait, seen: dict[Event, list[Seen]]) -> Message:
     """Return what has to be seen before a message may be sent."""
     signs = [dict(sign) for *_, sign in seen.get(wait.event, ())]
-    return {"event": list(wait.event), "seconds": wait.lag, "seen": signs, "why": wait.why}
+    return {**wait.told, "seen": signs}

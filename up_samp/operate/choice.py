@@ -12,6 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 import random
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -21,7 +22,7 @@ from up_samp.execution.executor import Executor
 from up_samp.execution.state import TaskPhase
 from up_samp.fleet.meanings import Kind, Meaning
 from up_samp.fleet.outlines import placed
-from up_samp.fleet.records import FleetRecords, Order, Stop, Task, can_do, visited
+from up_samp.fleet.records import FleetRecords, Order, Resource, Stop, Task, can_do, visited
 from up_samp.model import ProblemError
 from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import DELIVERS, Cut, Cutter, Opened, on_board
@@ -56,12 +57,12 @@ class Day:
     poses: dict[str, Pose]
     away: dict[str, str]
     """Robots that do nothing now, and why."""
+    using: dict[str, tuple[str, ...]]
+    """What resources robots use that do nothing now, as they left in the middle of something."""
     placed: dict[str, str]
     """Robots that stand where the plan does not have them, and why they stay until one does."""
     areas: dict[str, Shape]
     """Areas that nobody may enter now."""
-    limits: dict[str, float]
-    """How far (m) motions may go, where that is less than their whole length."""
     shut: dict[str, str]
     """Doors that are ``OUT`` of order, or were (``BACK``) and stand closed, by what nobody is to
     drive through them of the plan.
@@ -144,6 +145,12 @@ class Day:
             and self.shut.get(meaning.what) != BACK
         }
 
+    def unused(self) -> dict[str, Resource]:
+        """Return the site's resources without what robots use of them that do nothing now."""
+        using = Counter(itertools.chain.from_iterable(self.using.values()))
+        some = self.site.resources.items()
+        return {n: replace(r, capacity=r.capacity - using[n]) for n, r in some}
+
     def there(self) -> list[str]:
         """Return the robots that do their work."""
         return [r for r in self.site.robots if r not in self.away]
@@ -160,7 +167,7 @@ class Day:
         found = []
         for name in self.there():
             end = self.site.robots[name].end
-            home = end is None or self._near(cut.poses[name], self._home(end))
+            home = end is None or math.dist(cut.poses[name][:2], self._home(end)[:2]) < 0.01
             wanted = _can_stop(self, ends[name]) if name in ends else not home
             if name not in busy and wanted:
                 found.append(name)
@@ -191,9 +198,6 @@ class Day:
         """Return robots that were still to do what is cancelled, or was changed."""
         found = dict.fromkeys(self.meanings[name].robot for name in self.over())
         return [r for r in found if r not in self.away]
-
-    def _near(self, one: Pose, two: Pose) -> bool:
-        return max(abs(one[0] - two[0]), abs(one[1] - two[1])) < 0.01
 
     def free_at(self) -> dict[str, tuple[float, Pose]]:
         """Return in how many seconds each robot will have done its last order, and where; without
@@ -229,7 +233,7 @@ class Day:
         """Return how far (m) motions may go: up to areas that are blocked, and to robots that stand
         where no plan has them.
         """
-        found = dict(self.limits)
+        found = dict(self.executor.state.limits)
         if self.executor.state.strayed.keys() & self.off_plan():
             for (name, _), most in self.executor.state.bars.items():
                 found[name] = min(most, found.get(name, most))
@@ -268,7 +272,8 @@ def choose(day: Day) -> OpenWork | None:
     ago is put aside while there is anything else.
     """
     now, stuck = day.clock.now(), day.stranded() or day.stale()
-    waiting = [j for j in (*day.waiting(), *day.dropped()) if ready(day, j)]
+    open_ = (j for j in (*day.waiting(), *day.dropped()) if not too_late(day, j))
+    waiting = [j for j in open_ if ready(day, j)]
     for until in day.turns():
         if robots := _stuck(day, stuck, until):
             in_vain = max(day.tried.get(("", r), 0) for r in robots)
@@ -409,10 +414,19 @@ def ready(day: Day, job: DayOrder) -> bool:
     return all(_can_stop(day, stop) for stop in visited(job.record))
 
 
+def too_late(day: Day, job: DayOrder) -> bool:
+    """Return whether all windows of a stop of an order are over: it cannot be planned any more."""
+    last = (max((w[1] for w in s.window), default=math.inf) for s in visited(job.record))
+    return job.came + min(last) <= day.clock.now()
+
+
 def _can_stop(day: Day, stop: Stop | Task) -> bool:
     """Return whether some robot could stand at one of a stop's places, beside those that do nothing
-    now, and outside areas that are blocked.
+    now, and outside areas that are blocked, and these use nothing that it takes.
     """
+    resources = day.unused()
+    if any(resources[name].capacity < 1 for name in stop.resources):
+        return False
     away = (body_at(day.site, r, day.poses[r]) for r in day.away)
     taken = [*zip(away, itertools.repeat(day.site.margin))]
     taken += [(Polygon(shape), 0.0) for shape in day.areas.values()]

@@ -14,7 +14,7 @@ from __future__ import annotations
 import enum
 import itertools
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import shapely
 from shapely.geometry import Polygon
+from shapely.geometry.base import BaseGeometry
 
 from up_samp.execution.executor import Executor
 from up_samp.execution.graph import At, Event
@@ -30,7 +31,9 @@ from up_samp.execution.state import Forecast, TaskPhase
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.fleet.meanings import Kind, Meaning
 from up_samp.io.plan_dict import PlanDict
-from up_samp.model.arrays import FloatArray
+from up_samp.model import Body
+from up_samp.model.arrays import BoolArray, FloatArray
+from up_samp.model.frames import Frame
 from up_samp.model.graphs import reached
 from up_samp.motion.fleet.conflicts import conflicting_cells
 from up_samp.motion.fleet.paths import Path, resting_path
@@ -154,11 +157,7 @@ class Cutter:
         self.opening = opening
         self.broken, self.limits, self.opened = broken, limits, opened
         self.meanings = meanings_of(executor.plan)
-        self.turns: dict[str, list[str]] = {}
-        """Each robot's activities in the plan's order."""
-        tasks = self.state.graph.tasks
-        for name in sorted(tasks, key=lambda n: tasks[n].planned):
-            self.turns.setdefault(self.meanings[name].robot, []).append(name)
+        self.turns = executor.turns
         self.events = self.state.graph.events
         self.before: dict[int, list[int]] = {}
         self.after: dict[int, list[int]] = {}
@@ -208,9 +207,9 @@ class Cutter:
     def cut(self, ahead: float) -> Cut:
         """Return where nothing that begins within ``ahead`` s is touched."""
         now, forecast = self.state.now, self.executor.retime()
-        running = [n for n, p in self.state.phase.items() if p is TaskPhase.RUNNING]
+        running = self.state.those(TaskPhase.RUNNING)
         stays = {n for robot, turn in self.turns.items() for n in self._staying(robot, turn)}
-        waiting = [n for n, p in self.state.phase.items() if p is TaskPhase.WAITING]
+        waiting = self.state.those(TaskPhase.WAITING)
         soon = [n for n in waiting if n in stays or forecast.span(n)[0] <= now + ahead]
         # what does not come to its end may begin nevertheless, and goes as far as it can
         begun = (n for n in soon if self.state.start_number[n] not in self.dead)
@@ -443,12 +442,18 @@ def pose_of(values: Iterable[float]) -> Pose:
     return x, y, theta
 
 
-def first_inside(
-    executor: Executor, shapes: Collection[Polygon], body: Callable[[str, Pose], Polygon]
-) -> dict[str, float]:
+def touches(body: Body, poses: FloatArray, area: BaseGeometry) -> BoolArray:
+    """Return at which poses (n, 3) a body touches an area."""
+    shapely.prepare(area)
+    corners = np.asarray(body.footprint)
+    there = shapely.polygons([Frame(*pose).points(corners) for pose in poses.tolist()])
+    return np.asarray(shapely.intersects(area, there), dtype=bool)
+
+
+def first_inside(executor: Executor, shapes: Collection[Polygon]) -> dict[str, float]:
     """Return how far (m) the motions that are not over may go until their robot would touch one of
     some shapes. A robot that touches one already, or cannot stop before, drives on out of it: it
-    comes into no other one, nor back. ``body``: where a robot is at a pose.
+    comes into no other one, nor back.
     """
     found: dict[str, float] = {}
     for (name, robot), drive in executor.drives.items():
@@ -458,12 +463,11 @@ def first_inside(
         way = executor.state.ways[name, robot]
         here = 0.0 if phase is TaskPhase.WAITING else executor.state.braking(way)
         at = np.arange(here, way.length + 0.1, 0.1).clip(max=way.length)
-        bodies = [body(robot, pose_of(pose)) for pose in drive.path.poses_at(at)]
         for shape in shapes:
-            touches = np.asarray(shapely.intersects(shape, bodies), dtype=bool)
-            out = int(np.argmin(touches))  # the first look at which it is outside
-            if not touches[out] and touches[out:].any():
-                hit = out + int(np.argmax(touches[out:]))
+            inside = touches(drive.path.body, drive.path.poses_at(at), shape)
+            out = int(np.argmin(inside))  # the first look at which it is outside
+            if not inside[out] and inside[out:].any():
+                hit = out + int(np.argmax(inside[out:]))
                 most = float(max(at[out], at[hit] - 0.2))
                 found[name] = min(most, found.get(name, most))
     return found

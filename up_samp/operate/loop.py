@@ -13,7 +13,6 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,12 +26,13 @@ from up_samp.execution.state import TaskPhase
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import pose_at
 from up_samp.fleet.fleet import Fleet
-from up_samp.fleet.records import Order, Task
+from up_samp.fleet.meanings import Kind
+from up_samp.fleet.records import Order, Task, visited
 from up_samp.fleet.spelled_out import with_places
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError
 from up_samp.operate import upkeep
-from up_samp.operate.choice import OUT, Day, OpenWork, body_at, check_stand, choose
+from up_samp.operate.choice import OUT, Day, OpenWork, check_stand, choose, too_late
 from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import DELIVERS, driven_before, first_inside, meanings_of, pose_of
 from up_samp.operate.planner import (
@@ -98,7 +98,7 @@ class Operation(Day):
         self.gone: dict[str, float] = {}
         """How much (m) of motions was driven when their plan began: robots count all of it."""
         self.poses = {n: self._home(r.start) for n, r in self.site.robots.items()}
-        self.jobs, self.away, self.placed, self.limits, self.aside = {}, {}, {}, {}, {}
+        self.jobs, self.away, self.using, self.placed, self.aside = {}, {}, {}, {}, {}
         self.held: dict[str, str] = {}
         """Robots that are held where they are, and why."""
         self.unsure: dict[str, str] = {}
@@ -121,8 +121,10 @@ class Operation(Day):
 
     def _load(self, first: Iterable[Order | Task]) -> None:
         self.jobs = self.store.jobs()
-        self.robots.day = self.store.day("begun", time.time_ns() // 1000)
-        for key in ("away", "placed", "held", "unsure", "areas", "poses", "shut"):
+        # simulated days are all one: what is drawn there depends on names
+        mark = "" if self.clock.waits else f".{time.time_ns() // 10**6:x}"
+        self.mark = self.store.day("mark", mark)
+        for key in ("away", "using", "placed", "held", "unsure", "areas", "poses", "shut"):
             setattr(self, key, {**getattr(self, key), **(self.store.day(key) or {})})
         kept = self.store.snapshot()
         now = self.clock.now()
@@ -139,9 +141,8 @@ class Operation(Day):
 
     def _resume(self, number: int, saved: Mapping[str, Any], reports: list[Report]) -> None:
         """Go on where the store's last plan was."""
-        plan = self.store.plan(number)
-        (self.origin,) = (o for n, _, o in self.store.plans() if n == number)
-        self.number = max(n for n, *_ in self.store.plans())
+        self.origin, plan = self.store.plan(number)
+        self.number = self.store.last_plan()
         executor = Executor.restore(plan, saved, **self._following)
         self._follow(executor)
         self._withdraw()
@@ -150,8 +151,6 @@ class Operation(Day):
                 self._hear(report)
                 executor.commands(report.time - self.origin)
             executor.commands(self.clock.now() - self.origin)  # what was told last may have begun
-            for way in executor.state.ways.values():  # and nobody was let drive beyond its limit
-                way.let = min(way.let, self.limits.get(way.activity, way.let))
             self._happened()
             self._keep_snapshot()
 
@@ -277,7 +276,9 @@ class Operation(Day):
         self._check_stand(name, pose)
         now, here = self.clock.now(), pose or self.pose(name)
         with self.store:
-            self.away[name], self.poses[name] = why, here
+            moved = math.dist(here, self.pose(name)) > 2 * self.error(name)
+            used = () if moved else self._used_by(name) or self.using.get(name, ())
+            self.away[name], self.poses[name], self.using[name] = why, here, used
             if pose is not None:  # what it tells of its motion says nothing now
                 self._put(name, pose)
             self.store.note(now, "robot", name, "left", why)
@@ -300,11 +301,20 @@ class Operation(Day):
                 here = told
             self.poses[name] = here
             self.away.pop(name, None)
+            self.using.pop(name, None)
             if math.dist(told, here) > self.error(name):
                 self._put(name, here)
             self.store.note(now, "robot", name, "joined")
             self._keep_fleet()
         self._other_floor(f"robot '{name}' joined")
+
+    def _used_by(self, robot: str) -> tuple[str, ...]:
+        """Return the resources that a robot uses now for what it does at a place."""
+        doing = map(self.meanings.__getitem__, self.executor.state.those(TaskPhase.RUNNING))
+        here = (m for m in doing if m.robot == robot and m.kind in (Kind.PICKUP, *DELIVERS))
+        first = ((visited(self.jobs[m.what].record), m.kind is Kind.PICKUP) for m in here)
+        stops = (stops[0 if picked else -1] for stops, picked in first)
+        return tuple(name for stop in stops for name in stop.resources)
 
     def _check_stand(self, robot: str, pose: Pose | None) -> None:
         if pose is not None:
@@ -318,6 +328,7 @@ class Operation(Day):
 
     def _keep_fleet(self) -> None:
         self.store.keep("away", self.away)
+        self.store.keep("using", self.using)
         self.store.keep("placed", self.placed)
         self.store.keep("poses", self.poses)
 
@@ -358,8 +369,8 @@ class Operation(Day):
             self.store.keep("shut", shut)
             self.store.note(self.clock.now(), kind, name, what)
             self._withdraw()
-            self._keep_snapshot()  # who was where then says who drives on, and what had begun
-        self._limit()
+            self._limit()
+            self._keep_snapshot()  # with how far everybody may go, and what had begun
         self._other_floor(f"{kind} '{name}' is {what}")
 
     def charge(self, robot: str) -> DayOrder:
@@ -381,14 +392,12 @@ class Operation(Day):
 
     def _limit(self) -> None:
         """Find out how far motions may go with the areas that are blocked."""
-        self.limits = {}
         doors = {n: self.site.doors[n] for n in self.shut}
         # a leaf is a thing that plans keep clear of
         clear = self.site.margin + 2 * max(map(self.error, self.site.robots), default=0.0)
         leaves = [Polygon(leaf_at(d, d.closed)).buffer(clear) for d in doors.values()]
         shapes = [*map(Polygon, self.areas.values()), *leaves]
-        if shapes:
-            self.limits = first_inside(self.executor, shapes, partial(body_at, self.site))
+        self.executor.state.limits = first_inside(self.executor, shapes)
 
     def _other_floor(self, why: str) -> None:
         """Ask for the rest to be planned anew, also what no plan was found for: there may be one
@@ -421,6 +430,8 @@ class Operation(Day):
             for report in filter(self._sure, self.robots.reports(now)):
                 self.store.put_report(report)
                 self._hear(report)
+            mute = upkeep.mute(self, self.robots.levels)
+            self.robots.faults.extend(sorted(mute.difference(self.robots.faults)))
             for robot, words in self.robots.faults[self._faults :]:
                 self.store.note(now, "robot", robot, "fault", words)
             self._faults = len(self.robots.faults)
@@ -595,10 +606,7 @@ class Operation(Day):
         if who in self.off_plan():
             return Hold((self.away.get(who) or self.placed[who],))
         if isinstance(command, Go):
-            most = min(command.until, self.limits.get(command.motion, command.until))
-            if most < command.until:
-                self.executor.state.ways[command.motion, who].let = most
-            return Go(command.motion, most + self.gone.get(command.motion, 0.0))
+            return replace(command, until=command.until + self.gone.get(command.motion, 0.0))
         return command
 
     # ------------------------------------------------------------------ planning
@@ -630,8 +638,11 @@ class Operation(Day):
 
     def _look(self, now: float) -> None:
         """Find out whether it is time to plan anew."""
-        if self.waiting() or self.dropped():
+        if waiting := (*self.waiting(), *self.dropped()):
             self.want("orders wait that are in no plan")
+        for job in (j for j in waiting if not j.note and too_late(self, j)):
+            why = "its windows are over: cancel it, or change them"
+            self._set(replace(job, note=why), OrderState.WAITING, why)
         if now < self._planned_at + RETRY:
             return
         if self.stranded():
@@ -660,7 +671,8 @@ class Operation(Day):
         self.number += 1
         question = Question(
             number=self.number,
-            site=upkeep.from_now(self.site, now),
+            mark=f"{self.number}{self.mark}",
+            site=replace(upkeep.from_now(self.site, now), resources=self.unused()),
             folder=self.folder,
             cut=cut,
             kept=kept_of(self.executor, cut),
@@ -764,7 +776,7 @@ class Operation(Day):
         :raises ProblemError: where something has begun meanwhile that the plan does not keep.
         """
         executor = Executor(plan, **self._following)
-        follow_on(executor, self.executor, question.cut, since - self.origin, self.limits)
+        follow_on(executor, self.executor, question.cut, since - self.origin)
         return executor
 
     def _cost(self, executor: Executor, origin: float) -> float:

@@ -107,8 +107,6 @@ class Robots(Protocol):
     """(robot, in words) what is wrong with robots, as it is found out."""
     levels: dict[str, float]
     """Of batteries (shares of a full one), of the robots that tell them."""
-    day: int
-    """What no other day has: activities of several days may be called alike."""
 
     def reports(self, now: float) -> Iterable[Report]:
         """Return what robots have told since the last call."""

@@ -58,11 +58,10 @@ class RemoteRobots:
     def __init__(self, site: FleetRecords) -> None:
         self.site = site
         self.faults: list[tuple[str, str]] = []
-        self.day = 0
         self.levels: dict[str, float] = {}
         # not the numbers of another process: who asks for what comes after one of those is answered
         first = time.time_ns() // 1000
-        nothing = {"number": first, "day": 0, "kind": "hold", "why": "nothing is known yet"}
+        nothing = {"number": first, "kind": "hold", "why": "nothing is known yet"}
         self._commands: dict[str, Message] = dict.fromkeys(site.robots, nothing)
         self._inbox: queue.SimpleQueue[tuple[str, RobotTold]] = queue.SimpleQueue()
         self._heard: dict[str, float] = {}
@@ -78,7 +77,7 @@ class RemoteRobots:
         """Let robots do something else from now on."""
         for robot in self._commands.keys() & commands.keys():
             before = self._commands[robot]
-            found = {**self._told(commands[robot]), "day": self.day}
+            found = self._told(commands[robot])
             if {**found, "number": before["number"]} != before:
                 self._commands[robot] = {**found, "number": before["number"] + 1}
 
@@ -90,8 +89,7 @@ class RemoteRobots:
             case Go(motion, until):
                 return {"kind": "go", "motion": motion, "until": round(until, 4)}
             case Do(name, may_end):
-                kind, what, _ = self._executor.plan["meanings"][name]
-                kind = action_of(kind, what)
+                kind, what = action_of(self._executor.plan, name)
                 told = {"activity": name, "action": kind, "order": what, "may_end": may_end}
                 seconds = self._executor.state.graph.tasks[name].expected
                 return {"kind": "do", "seconds": seconds, **told}
@@ -118,9 +116,9 @@ class RemoteRobots:
     # ------------------------------------------------------------------ for who drives
 
     def command(self, robot: str) -> Message:
-        """Return what a robot is to do on a ``day``: ``go`` along the path of a ``motion``, not
-        beyond ``until`` (m), ``do`` something where it stands (``seconds``; not over before it
-        ``may_end``), or ``hold``.
+        """Return what a robot is to do: ``go`` along the path of a ``motion``, not beyond ``until``
+        (m), ``do`` something where it stands (``seconds``; not over before it ``may_end``), or
+        ``hold``.
 
         :raises ProblemError: where there is no such robot.
         """

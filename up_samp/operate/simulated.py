@@ -64,7 +64,6 @@ class SimulatedRobots(SimulatedFloor):
         super().__init__(poses, luck, mishaps.delays, seed)
         self.mishaps, self.initial = mishaps, dict(poses)
         self.faults: list[tuple[str, str]] = []
-        self.day = 0
         self.site, self.batteries = site, batteries_of(site)
         self.levels = {n: first_level(site, n) / b.capacity for n, b in self.batteries.items()}
         """Shares of full batteries, by robot."""

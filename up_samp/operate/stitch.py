@@ -76,6 +76,8 @@ class Question:
     kept: Kept
     jobs: tuple[Order | Task, ...]
     robots: tuple[str, ...]
+    mark: str = ""
+    """What no other plan has, on no other day either: its activities are called by it."""
     beside: tuple[str, ...] = ()
     """Those of them that may go to rest at another place, to be out of the way."""
     held: tuple[tuple[str, Order], ...] = ()
@@ -169,13 +171,13 @@ def _initial(executor: Executor, cut: Cut, motions: list[dict[str, Any]]) -> dic
 
 def stitched(ask: Question, new: PlanDict, meanings: Mapping[str, Meaning]) -> PlanDict:
     """Return one plan, in order, with its dependencies: of what is kept, and of a ``new`` one.
-    ``meanings`` are those of the new plan's activities, which get ``#number`` behind their names.
+    ``meanings`` are those of the new plan's activities, which get ``#mark`` behind their names.
 
     Raises :class:`ProblemError` where nobody could follow it.
     """
     kept, said = ask.kept, new["dependencies"]
     names = {
-        a["name"]: f"{a['name']}#{ask.number}"
+        a["name"]: f"{a['name']}#{ask.mark}"
         for a in new["activities"]
         if not meanings[a["name"]].what.startswith(BUSY)
     }
@@ -323,11 +325,9 @@ def _resources(job: Order | Task) -> set[str]:
 # ------------------ From one plan to the next
 
 
-def follow_on(
-    executor: Executor, old: Executor, cut: Cut, by: float, limits: Mapping[str, float]
-) -> None:
+def follow_on(executor: Executor, old: Executor, cut: Cut, by: float) -> None:
     """Let the executor of a new plan go on where an ``old`` one is, whose clock began ``by`` s
-    earlier. ``limits``: how far (m) motions may go.
+    earlier.
 
     Raises :class:`ProblemError` where something has begun meanwhile that the plan does not keep,
     or a robot is beyond where it would have to wait.
@@ -360,9 +360,10 @@ def follow_on(
         executor.state.heard[robot], way.since = old.state.heard[robot] - by, before.since - by
         gone = cut.starts.get(way.activity, 0.0)
         # it goes on to where it was told that it may, or where it can stand
-        most = limits.get(way.activity, before.length)
-        least[robot] = min(old.state.committed(before), most) - gone
+        least[robot] = old.state.committed(before) - gone
         way.let = max(0.0, before.let - gone)
+        if (most := old.state.limits.get(way.activity)) is not None:
+            executor.state.limits[way.activity] = most - gone
         _move_gates(executor, old, cut, way, least[robot])
     executor.state.follow_all()
     executor.bar()  # who seemed to be beyond a gate may not be
@@ -520,7 +521,7 @@ def _timed(
     if path.length > marks[-1][0] + BESIDE:
         marks.append((path.length, max(span[1], marks[-1][1])))
     at, times = np.array(marks).T
-    known = np.maximum.accumulate(path.natural_s)
+    known = drive.planned[1]
     gaps = np.abs(known[np.searchsorted(known, at).clip(max=len(known) - 1)] - at)
     before = np.abs(known[(np.searchsorted(known, at) - 1).clip(min=0)] - at)
     fresh = at[np.minimum(gaps, before) > BESIDE / 4]

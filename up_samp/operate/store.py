@@ -173,17 +173,18 @@ class Store:
         row = (number, time, origin, packed)
         self._base.execute("INSERT OR REPLACE INTO plans VALUES (?, ?, ?, ?)", row)
 
-    def plans(self) -> Iterator[tuple[int, float, float]]:
-        """Yield number, time and origin of all plans."""
-        yield from self._base.execute("SELECT number, time, origin FROM plans ORDER BY number")
-
-    def plan(self, number: int) -> dict[str, Any]:
-        """Return a plan by its number."""
-        row = self._base.execute("SELECT plan FROM plans WHERE number = ?", (number,)).fetchone()
+    def plan(self, number: int) -> tuple[float, dict[str, Any]]:
+        """Return when the clock of a plan began (s of the day), and the plan, by its number."""
+        query = "SELECT origin, plan FROM plans WHERE number = ?"
+        row = self._base.execute(query, (number,)).fetchone()
         if row is None:
             raise StoreError(f"there is no plan {number} in '{self.file}'")
-        found: dict[str, Any] = json.loads(zlib.decompress(row[0]))
-        return found
+        return row[0], json.loads(zlib.decompress(row[1]))
+
+    def last_plan(self) -> int:
+        """Return the largest number of a plan."""
+        (found,) = self._base.execute("SELECT max(number) FROM plans").fetchone()
+        return int(found)
 
     def put_snapshot(self, number: int, saved: dict[str, Any]) -> None:
         """Keep an executor's state; what was reported before is not needed to go on any more."""

@@ -12,9 +12,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from up_samp.execution.lives import DriveCells
+from up_samp.execution.state import TaskPhase
 from up_samp.fleet.batteries import first_level, level_fluent, usable
 from up_samp.fleet.meanings import Meaning, Written
 from up_samp.fleet.records import Battery, Charger, FleetRecords, Order, Robot, Task
+from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError
 from up_samp.operate.choice import Day
 
@@ -22,6 +24,7 @@ CHARGE, BREAK = "charge.", "break."
 """What the names of tasks begin with in which a robot charges, or rests."""
 OFF = "off its shift"
 """Why such a robot does nothing."""
+MUTE = "it tells no level of its battery: it counts as at first, and does not charge by itself"
 
 
 def is_charge(job: str) -> bool:
@@ -35,9 +38,12 @@ def charges(job: Order | Task) -> bool:
     return isinstance(job, Task) and is_charge(job.id) and job.robots == (who,)
 
 
-def action_of(kind: str, what: str) -> str:
-    """Return what a robot does at a place, in a word: ``charge``, or what it is called in plans."""
-    return "charge" if is_charge(what) else kind
+def action_of(plan: PlanDict, name: str) -> tuple[str, str]:
+    """Return what a robot does at a place in an activity of a plan, in a word (``charge``, or what
+    it is called in plans), and of which order.
+    """
+    kind, what, _ = plan["meanings"][name]
+    return "charge" if is_charge(what) else kind, what
 
 
 def charger_of(site: FleetRecords) -> dict[str, Charger]:
@@ -100,6 +106,15 @@ def low(site: FleetRecords, levels: Mapping[str, float], share: float) -> list[s
         if _level(site, levels, robot) - battery.reserve
         < share * (battery.capacity - battery.reserve)
     ]
+
+
+def mute(day: Day, levels: Mapping[str, float]) -> set[tuple[str, str]]:
+    """Return the robots with a battery that have done something of the plan, and told no level:
+    what is wrong then, in words.
+    """
+    silent = batteries_of(day.site).keys() - levels.keys()
+    over = (day.meanings[name].robot for name in day.executor.state.those(TaskPhase.DONE))
+    return {(robot, MUTE) for robot in silent.intersection(over)}
 
 
 def _level(site: FleetRecords, levels: Mapping[str, float], robot: str) -> float:

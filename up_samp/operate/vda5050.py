@@ -110,14 +110,14 @@ class Agv:
     map_id: str = ""
     """The map of which it told first: elsewhere its poses say nothing."""
 
-    def begin(self, activity: str, ours: bool = True) -> None:
+    def begin(self, activity: str) -> None:
         """Have another order, that of an activity ("": none); it may have it from before a restart
-        of this process, or one called so (not ``ours``) from another day: that is begun anew.
+        of this process.
         """
         self.activity = activity
         name, _, number = str(self.state.get("orderId", "")).partition(BEGUN_ANEW)
         if activity and name == activity and f"0{number}".isdecimal():
-            self.dropped.setdefault(activity, int(f"0{number}") + (not ours))
+            self.dropped.setdefault(activity, int(f"0{number}"))
         again = self.dropped.get(activity, 0)
         self.order = f"{activity}{BEGUN_ANEW}{again}" if again else activity
         self.nodes, self.update, self.over = [], -1, -math.inf
@@ -218,15 +218,12 @@ class MasterControl:
         self.agvs = {name: Agv(name) for name in site.robots}
         self.levels: dict[str, float] = {}
         self.faults: list[tuple[str, str]] = []
-        self.day = 0
         """(robot, in words) what does not fit the site file, or what was told."""
         self._inbox: queue.SimpleQueue[tuple[str, str, bytes]] = queue.SimpleQueue()
         self._answers: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._headers: dict[tuple[str, str], itertools.count[int]] = {}
         self._executor: Executor
         self._motions: dict[str, Message] = {}
-        self._own: frozenset[str] = frozenset()
-        """What robots may have been told of this day before this process began ("": nothing)."""
         self._charging: dict[str, float] = {}
         """Activities in which robots charge, and since when (s)."""
         name = f"up_samp-{site.name}-{time.time_ns()}"
@@ -288,12 +285,8 @@ class MasterControl:
 
     def reports(self, now: float) -> list[Report]:
         """Return what robots have told since the last call."""
-        while True:
-            try:
-                name, topic, payload = self._inbox.get_nowait()
-            except queue.Empty:
-                break
-            self._read(name, topic, payload)
+        for _ in range(self._inbox.qsize()):  # nobody else takes from it
+            self._read(*self._inbox.get())
         return [r for agv in self.agvs.values() for r in self._reported(agv, now)]
 
     def _read(self, name: str, topic: str, payload: bytes) -> None:
@@ -437,7 +430,6 @@ class MasterControl:
 
     def tell(self, commands: Mapping[str, Command], now: float) -> None:
         """Send what is new, and again what is not known to have arrived."""
-        self._own = self._own or frozenset(self._executor.plan["meanings"]) | {""}
         for who, command in commands.items():
             agv = self.agvs.get(who)
             if agv is None or not agv.online or not agv.state:
@@ -466,7 +458,7 @@ class MasterControl:
         on its way, is cancelled.
         """
         state = agv.state
-        if not agv.order and state.get("orderId") == activity and activity in self._own:
+        if not agv.order and state.get("orderId") == activity:
             return True  # it goes on with it after a restart
         awaited = bool(agv.order) and not agv.known
         if not agv.left and not awaited:
@@ -589,7 +581,7 @@ class MasterControl:
         """Begin an order, or go on with the one that the robot has already (after a restart), or
         with what is left of one that it gave up.
         """
-        agv.begin(activity, activity in self._own)
+        agv.begin(activity)
         state = agv.state
         if agv.shown:
             agv.known = True
@@ -614,10 +606,9 @@ class MasterControl:
         return float(s[gaps.index(min(gaps))])
 
     def _do(self, agv: Agv, activity: str, now: float) -> None:
-        agv.begin(activity, activity in self._own)
+        agv.begin(activity)
         agv.update = 0
-        kind, what, _ = self._executor.plan["meanings"][activity]
-        kind = action_of(kind, what)
+        kind, what = action_of(self._executor.plan, activity)
         if kind == "charge":
             self._charging.setdefault(activity, math.inf)
         if agv.shown:

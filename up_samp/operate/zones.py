@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import shapely
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
@@ -25,13 +24,11 @@ from up_samp.execution.lives import DriveCells, Life, Piece
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.export.steps import PathPiece, stretches_of
 from up_samp.fleet.records import FleetRecords, Zone
-from up_samp.model import ProblemError
-from up_samp.model.arrays import BoolArray, FloatArray
-from up_samp.model.frames import Frame
+from up_samp.model import Body, ProblemError
 from up_samp.motion.curves.slowing import ruled_speeds
 from up_samp.motion.fleet.paths import Path
 from up_samp.operate.choice import body_at
-from up_samp.operate.horizon import driven_before
+from up_samp.operate.horizon import driven_before, touches
 from up_samp.operate.records import Pose
 
 STEP = 0.05
@@ -103,10 +100,9 @@ def keep_zones(
 
 def visits_of(life: Life, area: BaseGeometry) -> Iterator[ZoneVisit]:
     """Yield when a robot is in an area, in the order of its life."""
-    body = np.asarray(life.body.footprint)
     since, enters, inside = -math.inf, None, False
     for piece in life.pieces:
-        for event, time, comes in _crossings(piece, body, area, inside):
+        for event, time, comes in _crossings(piece, life.body, area, inside):
             if not comes:
                 yield ZoneVisit(life.object, since, time, enters, event)
             since, enters, inside = time, event, comes
@@ -115,35 +111,27 @@ def visits_of(life: Life, area: BaseGeometry) -> Iterator[ZoneVisit]:
 
 
 def _crossings(
-    piece: Piece, body: FloatArray, area: BaseGeometry, inside: bool
+    piece: Piece, body: Body, area: BaseGeometry, inside: bool
 ) -> Iterator[tuple[Event | None, float, bool]]:
     """Yield where a piece of a life comes into an area, or has left it: by which event, when, and
     whether it comes.
     """
     if not isinstance(piece, DriveCells):
-        x, y, theta = (float(v) for v in piece.pose[:3])
-        if not inside and _touch(body, [(x, y, theta)], area)[0]:
+        if not inside and touches(body, np.array([piece.pose[:3]], dtype=np.float64), area)[0]:
             yield piece.enter, -math.inf if piece.enter is None else piece.since, True
         return
     path = piece.path
     at = np.append(np.arange(0.0, path.length, STEP), path.length)
-    touches = _touch(body, path.poses_at(at).tolist(), area)
-    for k in np.flatnonzero(touches != np.append(inside, touches[:-1])).tolist():
+    there = touches(body, path.poses_at(at), area)
+    for k in np.flatnonzero(there != np.append(inside, there[:-1])).tolist():
         # it waits a look before, and has left a look after
-        s = round(float(at[max(k - 1, 0)] if touches[k] else at[k]), 6)
-        if touches[k]:
+        s = round(float(at[max(k - 1, 0)] if there[k] else at[k]), 6)
+        if there[k]:
             event = Event(At.LEAVE, piece.activity, piece.object, s)
             yield event, float(piece.left(np.array([s]))[0]), True
         else:
             event = Event(At.REACH, piece.activity, piece.object, s)
             yield event, float(piece.reached(np.array([s]))[0]), False
-
-
-def _touch(corners: FloatArray, poses: Iterable[Sequence[float]], area: BaseGeometry) -> BoolArray:
-    """Return at which poses a body touches an area; ``corners``: its own (n, 2), in its frame."""
-    shapely.prepare(area)
-    placed = shapely.polygons([Frame(*pose).points(corners) for pose in poses])
-    return np.asarray(shapely.intersects(area, placed), dtype=bool)
 
 
 def _one_by_one(draft: Draft, visits: Sequence[ZoneVisit], why: str) -> Iterator[Choice]:
@@ -180,12 +168,14 @@ def stretches_told(
 ) -> Iterator[tuple[PathPiece, float, float, float]]:
     """Yield the pieces of a whole motion (see :func:`up_samp.operate.stitch.whole_motion`) along a
     path, cut at ``points`` (m) and where other limits of speed begin, with their ends (m) and how
-    fast (m/s) they may be driven.
+    fast (m/s) they may be driven. Pieces that lead nowhere but for rounding are none.
     """
     most = ruled_speeds(path.poses, path.body)
     s = path.s + driven_before(motion)
     cuts = s[1:-1][most[1:] != most[:-1]].tolist()
     for piece, low, high in stretches_of(motion, {*points, *cuts}):
+        if high - low <= 2 * TOLERANCES.arrived:
+            continue
         first = int(np.searchsorted(s, low + TOLERANCES.arrived, side="right")) - 1
         last = int(np.searchsorted(s, high - TOLERANCES.arrived))
         yield piece, low, high, float(path.tops[max(0, first) : last].max())
