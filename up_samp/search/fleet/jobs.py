@@ -36,8 +36,6 @@ from up_samp.upio.expressions import (
 )
 from up_samp.upio.movers import whereabouts
 
-_PLACES = 16
-"""Ways to choose the places of one job for one robot, at most."""
 Gaps = Mapping[tuple[str, str], int]
 """(a, b) -> units that are between the end of a and the start of b at least, if both are there."""
 Gap = Callable[[str, str], int]
@@ -480,10 +478,12 @@ class _Look:
             for robot, entry, exit_, legs in filter(None, ways)
         ]
 
-    def _by_places(self, members: Sequence[str]) -> list[_Way | None]:
-        """Return the ways to do some activities, by where each is done."""
+    def _by_places(self, members: Sequence[str], most: int = 16) -> list[_Way | None]:
+        """Return the ways to do some activities, by where each is done; none if there would be
+        more of them than that.
+        """
         places = [sorted(self._stands.get(name, ())) for name in members]
-        few = math.prod(map(len, places)) <= _PLACES
+        few = math.prod(map(len, places)) <= most
         chosen = itertools.product(*places) if few else ()
         return [self._standing(dict(zip(members, some, strict=True))) for some in chosen]
 
