@@ -320,9 +320,8 @@ def shape_faults(plan: PlanDict) -> list[str]:
     found = [f"task '{n}' is no activity of the plan" for n in told if n not in names]
     found += [f"activity '{n}' is {told[n]} times among the tasks" for n in names if told[n] != 1]
     ways = [way for choice in data.get("choices", ()) for way in choice["ways"]]
-    events = (
-        e[side] for e in (*data["edges"], *data["bounds"], *ways) for side in ("first", "then")
-    )
+    said = (*data["edges"], *data["bounds"], *ways)
+    events = (one[side] for one, side in itertools.product(said, ("first", "then")))
     unknown = dict.fromkeys(e[1] for e in events if e[1:] and e[1] not in names)
     found += [f"the dependencies speak of {short(n)}, which is not in the plan" for n in unknown]
     for motion in plan["motions"]:
@@ -403,7 +402,7 @@ def lacking(
     for edge in edges:
         pair = (edge.first, edge.then)
         direct[pair] = max(edge.lag, direct.get(pair, 0.0))
-    ends = [Event(at, name) for name in tasks for at in (At.START, At.END)]
+    ends = [Event(at, name) for name, at in itertools.product(tasks, (At.START, At.END))]
     found = dict.fromkeys([ORIGIN, *ends])
     found.update(dict.fromkeys(e for n in (*edges, *needs) for e in (n.first, n.then)))
     made = tuple(Edge(*pair, lag) for pair, lag in direct.items())

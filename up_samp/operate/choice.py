@@ -350,7 +350,7 @@ def _beside(day: Day, robots: Sequence[str], places: Sequence[str], in_vain: int
 
     for name, pose in sorted((o for o in others if o[0] not in robots), key=far):
         there = body_at(day.site, name, pose)
-        bodies = [body_at(day.site, r, s) for r in robots for s in spots]
+        bodies = [body_at(day.site, *stand) for stand in itertools.product(robots, spots)]
         if any(body.distance(there) <= day.site.margin for body in bodies):
             yield name
         elif in_vain:
@@ -432,7 +432,7 @@ def _can_stop(day: Day, stop: Stop | Task) -> bool:
     taken += [(Polygon(shape), 0.0) for shape in day.areas.values()]
     kinds = {robot.type: r for r, robot in day.site.robots.items()}
     poses = [day.site.places[place].pose for place in stop.at]
-    bodies = (body_at(day.site, r, pose) for r in kinds.values() for pose in poses)
+    bodies = (body_at(day.site, *stand) for stand in itertools.product(kinds.values(), poses))
     return not taken or any(
         all(body.distance(other) > apart for other, apart in taken) for body in bodies
     )

@@ -279,7 +279,7 @@ class Cutter:
         while len(chosen) + len(ended) != size:
             size = len(chosen) + len(ended)
             ends = [self.state.end_number[n] for n in chosen]
-            ends += [self._last(n, s) for n, s in ended.items()]
+            ends += list(itertools.starmap(self._last, ended.items()))
             names = {self.events[k].activity for k in self._closure(ends, self.before)} - {""}
             chosen |= {n for n in names if self._alive(n)}
             halves = {n: self._stop(n) for n in names - chosen - ended.keys()}

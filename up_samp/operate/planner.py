@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
+from itertools import starmap
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from up_samp.execution.tolerances import TOLERANCES
@@ -294,7 +295,7 @@ def _let_rest(ask: Question, places: dict[str, Place], pose: Pose) -> None:
     ends |= {end for r in ask.robots if (end := ask.site.robots[r].end) is not None}
     taken = [*ask.cut.poses.values(), *(places[p].pose for p in ends)]
     corners = [c for kind in ask.site.robot_types.values() for c in corners_of(kind.footprint)]
-    apart = 2 * max(math.hypot(*c) for c in corners) + ask.site.margin
+    apart = 2 * max(starmap(math.hypot, corners)) + ask.site.margin
     free = [
         (math.dist(place.pose[:2], pose[:2]), name)
         for name, place in places.items()

@@ -8,6 +8,7 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import starmap
 from typing import Any
 
 import numpy as np
@@ -69,7 +70,7 @@ def tinted(
     picture = Image.fromarray(np.ascontiguousarray(pixels), "RGB")
     draw = ImageDraw.Draw(picture)
     for zone in sorted(rules, key=is_lane, reverse=True):  # what is preferred below what is ruled
-        corners = [at(*corner) for corner in zone["polygon"]]
+        corners = list(starmap(at, zone["polygon"]))
         draw.polygon(corners, fill=LANE_FILL if is_lane(zone) else AREA_FILL)
     for zone in rules:
         if "one_way" in zone:

@@ -273,8 +273,7 @@ def not_together(
     literals = other_motions(motions)
     literals += [
         Apart(end_of(a.activity), start_of(b.activity), 0)
-        for a in motions
-        for b in motions
+        for a, b in itertools.product(motions, repeat=2)
         if a.object != b.object
     ]
     literals += _moved_away(names, blockers, movers)

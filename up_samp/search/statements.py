@@ -313,7 +313,7 @@ def resting_nodes(facts: Facts) -> list[tuple[str, str]]:
     elsewise = snapshot.moved_otherwise
     for name in sorted(facts.drivers):
         tasks = snapshot.by_object[name]
-        ends = [places_of(facts, task, i) for task in tasks for i in (0, -1)]
+        ends = [places_of(facts, *end) for end in product(tasks, (0, -1))]
         heeds = avoids(snapshot.heeded[name], *(facts.drivers - {name}))
         if heeds and name not in elsewise:
             nodes.update(
@@ -499,7 +499,7 @@ def proven_handovers(motions: Motions) -> list[Refinement]:
     found = []
     for leaving, coming in pairs:
         both = facts.signature(leaving), facts.signature(coming)
-        least = min(motions.service.lower_bound(*one) for one in both)
+        least = min(itertools.starmap(motions.service.lower_bound, both))
         units = facts.units(min(least, proven_gap(*both)))
         if units > 0:
             cut = rules.handed_over(
@@ -525,13 +525,12 @@ def _pairs(motions: Motions) -> Iterator[tuple[MotionCase, MotionCase]]:
         leaving.setdefault((body, poses[0]), []).append(case)
         if not stays(poses):
             coming.setdefault((body, poses[-1]), []).append(case)
-    for here, going in leaving.items():
-        for there, arriving in coming.items():
-            check_time()
-            if here[0].flies or there[0].flies or not motions.service.overlap(*here, *there):
-                continue
-            pairs = product(going, arriving)
-            yield from (pair for pair in pairs if are_apart(snapshot, *pair))
+    for (here, going), (there, arriving) in product(leaving.items(), coming.items()):
+        check_time()
+        if here[0].flies or there[0].flies or not motions.service.overlap(*here, *there):
+            continue
+        pairs = product(going, arriving)
+        yield from (pair for pair in pairs if are_apart(snapshot, *pair))
 
 
 def proven_gap(leaving: Signature, coming: Signature) -> float:

@@ -99,7 +99,7 @@ def kitting(
     title = drawn_name(sizes, seed)
     rng = drawing(title, seed)
     floor = kitting_floor(doors, rng, title)
-    starts, spots = _places(floor, robots, [(k, s) for k in range(kits) for s in range(parts)], rng)
+    starts, spots = _places(floor, robots, [*itertools.product(range(kits), range(parts))], rng)
     floor.check(starts | spots | {f"{leaf.name}_button": leaf.button for leaf in floor.doors})
     manner = Manner(floor, guess=1.0, early=0, model=MotionModels.SE2)
     name = drawn_name(f"{sizes}-op", seed) if operator else title

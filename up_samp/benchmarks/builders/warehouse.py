@@ -95,7 +95,7 @@ def store(robots: int) -> WarehouseLayout:
     lows = [RIM + j * (SHELF[1] + WIDE) for j in range(rows)]
     width, height = lefts[-1] + SHELF[0] + RIM, lows[-1] + SHELF[1] + RIM
     width = max(width, 2.2 * robots + 4.0)
-    blocks = [(x, y, x + SHELF[0], y + SHELF[1]) for x in lefts for y in lows]
+    blocks = [(x, y, x + SHELF[0], y + SHELF[1]) for x, y in itertools.product(lefts, lows)]
     slots = [
         (round(x + SHELF[0] + aisle / 2, 2), round(y + share * SHELF[1], 2), math.pi / 2)
         for x, aisle in zip(lefts[:-1], aisles, strict=True)

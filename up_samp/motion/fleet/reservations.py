@@ -214,7 +214,8 @@ class ReservationTable:
     def clear(self, runs: Sequence[TimedPath]) -> bool:
         """Return whether an object's runs meet nothing that is decided of others."""
         others = self._others({run.object for run in runs}, -math.inf)
-        return all(self._workspace.meeting(a, b)[0] == math.inf for a in runs for b in others)
+        pairs = itertools.product(runs, others)
+        return all(self._workspace.meeting(*pair)[0] == math.inf for pair in pairs)
 
     def stays(self, motion: TimedMotion) -> list[tuple[float, float]]:
         """Return when (from, until; s) the object of a motion may rest where that ends, after its

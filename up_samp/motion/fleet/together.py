@@ -94,7 +94,7 @@ def _collide(
 ) -> bool:
     """Return whether any two robots' drives, or a drive and the world, meet."""
     pairs = [pair for a, b in itertools.combinations(legs, 2) for pair in itertools.product(a, b)]
-    pairs += [(run, other) for runs in legs for run in runs for other in world]
+    pairs += itertools.product(itertools.chain(*legs), world)
     return any(workspace.meeting(a, b)[0] < math.inf for a, b in pairs)
 
 

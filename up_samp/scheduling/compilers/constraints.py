@@ -234,7 +234,7 @@ class DifferenceForm:
         joined = parts_of(expression, positive)
         if joined is not None:
             join = conjunction if joined[0] else disjunction
-            return join([self(e, sign) for e, sign in joined[1]])
+            return join(list(itertools.starmap(self, joined[1])))
         if operator in ("le", "lt"):
             a, b = expression[1:]
             if positive:

@@ -7,6 +7,7 @@ in the form only adds what follows anyway, or replaces what is equivalent.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -311,7 +312,8 @@ def _either(parts: Iterable[tuple[FNode, bool]]) -> list[Decisions]:
         more = _clauses(*part)
         if len(found) > 1 and len(more) > 1:
             return []
-        found = [(*one, *(d for d in other if d not in one)) for one in found for other in more]
+        pairs = itertools.product(found, more)
+        found = [(*one, *(d for d in other if d not in one)) for one, other in pairs]
         if not found:
             return []
     return [clause for clause in found if len({name for name, _ in clause}) == len(clause)]

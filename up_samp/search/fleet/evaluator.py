@@ -206,9 +206,9 @@ class AssignmentEvaluator:
             begin, end = {o.entry for o in mine}, {o.exit for o in mine}
             if not self.guess.duties.loads.keys().isdisjoint(some):
                 begin = end = begin | end
-            for a in sorted({starts[r] for r in some} | end):
-                for b in sorted(ends | begin):
-                    rides[kind, number[a], number[b]] = self.guess.ride(some[0], a, b)
+            first = sorted({starts[r] for r in some} | end)
+            for a, b in itertools.product(first, sorted(ends | begin)):
+                rides[kind, number[a], number[b]] = self.guess.ride(some[0], a, b)
         order = {key: kind for kind, key in enumerate(kinds)}
         return [order[self._kind(robot)] for robot in self.robots], rides
 

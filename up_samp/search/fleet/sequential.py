@@ -9,6 +9,7 @@ al. 2004), by :mod:`up_samp.search.fleet.tours`.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping
@@ -81,14 +82,13 @@ def _beside_changes(itinerary: Itinerary) -> Iterable[Difference]:
     """State that motions stay before or after the changes (of doors) that they may meet, as they
     are in the candidate; those that have one in their midst come after it.
     """
-    for motion in itinerary.motions:
-        for change in itinerary.changes:
-            if not avoids(motion.avoid, change.object):
-                continue
-            if change.time >= motion.end:
-                yield Difference(("end", motion.activity), ("end", change.activity), 0)
-            else:
-                yield Difference(("end", change.activity), ("start", motion.activity), 0)
+    for motion, change in itertools.product(itinerary.motions, itinerary.changes):
+        if not avoids(motion.avoid, change.object):
+            continue
+        if change.time >= motion.end:
+            yield Difference(("end", motion.activity), ("end", change.activity), 0)
+        else:
+            yield Difference(("end", change.activity), ("start", motion.activity), 0)
 
 
 def ancestors(motions: Collection[str], times: Earliest) -> dict[str, set[str]]:

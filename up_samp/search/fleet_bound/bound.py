@@ -457,7 +457,7 @@ class _Model:
         self._left = {away: least(legs, work.units) for away, legs in last.aways.items()}
         known += len(self._aways)
         kinds = sorted(work.sizes)
-        stays = [(kind, place) for kind in kinds for place in sorted(last.places)]
+        stays = [*itertools.product(kinds, sorted(last.places))]
         self._staying = {stay: known + n for n, stay in enumerate(stays)}
         known += len(stays)
         self._working = {kind: known + n for n, kind in enumerate(kinds)}

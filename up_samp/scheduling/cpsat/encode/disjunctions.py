@@ -132,7 +132,7 @@ class _Members:
     def products(self, pair: tuple[str, ...]) -> set[frozenset[str]]:
         """Return the pairs of activities that exclude each other because ``pair`` does."""
         one, other = (self.of(name) for name in pair)
-        return {frozenset((a, b)) for a in one for b in other if a != b}
+        return {frozenset((a, b)) for a, b in itertools.product(one, other) if a != b}
 
 
 def _asked_values(parts: Additions) -> Iterator[tuple[str, FNode, object]]:

@@ -4,6 +4,7 @@ constants and fractions to whole numbers.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -217,7 +218,7 @@ class Terms:
     def _multiply(self, a: Lin, b: Lin) -> Lin:
         store = self.world.store
         (al, ah), (bl, bh) = store.range(a), store.range(b)
-        corners = [x * y for x in (al, ah) for y in (bl, bh)]
+        corners = [*map(math.prod, itertools.product((al, ah), (bl, bh)))]
         product = store.integer(min(corners), max(corners))
         store.model.add_multiplication_equality(
             store.var(product), [store.affine(a), store.affine(b)]

@@ -269,7 +269,8 @@ class OwnState:
     def taken(self, some: Iterable[int], others: Iterable[int]) -> int:
         """Return what is taken at least from one of some places to one of others."""
         targets = list(others)
-        least = min((self.takings.get((a, b), INFINITE) for a in some for b in targets), default=0)
+        pairs = itertools.product(some, targets)
+        least = min((self.takings.get(pair, INFINITE) for pair in pairs), default=0)
         return 0 if least >= INFINITE else least
 
 
@@ -284,8 +285,9 @@ def find_own_states(
     """
     found = (
         _own_state(model, number, route, state, names)
-        for number, route in enumerate(routes)
-        for state in model.states.vars.values()
+        for (number, route), state in itertools.product(
+            enumerate(routes), model.states.vars.values()
+        )
     )
     return [own for own in found if own is not None]
 

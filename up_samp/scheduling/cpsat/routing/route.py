@@ -147,9 +147,8 @@ class Route:
 
     def between(self, some: Set[int], others: Set[int]) -> int:
         """Return the least travel time from a place in ``some`` to one in ``others``."""
-        return min(
-            (self.travel.get((a, b), INFINITE) for a in some for b in others), default=INFINITE
-        )
+        pairs = itertools.product(some, others)
+        return min((self.travel.get(pair, INFINITE) for pair in pairs), default=INFINITE)
 
     def way(self, here: int, targets: frozenset[int], banned: Collection[str]) -> list[Move] | None:
         """Return the moves of the shortest way to one of ``targets``, without those named in

@@ -4,6 +4,7 @@ what each traveller carries and has set.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter
 from collections.abc import Iterator
@@ -308,14 +309,13 @@ def handovers_of(work: RoutedWork, ways: list[TravelTables]) -> Any:
     """
     shape = len(ways), len(ways[0].travel)
     found = np.full((*shape, *shape), -NEVER, dtype=np.int64)
-    for unit in work.units:
-        for axis, some in enumerate(ways):
-            for other, others in enumerate(ways):
-                here = [some.number[p] for p in unit.places_of(some.route.key) & some.number.keys()]
-                there = unit.places_of(others.route.key) & others.number.keys()
-                if other != axis:
-                    spots = [others.number[p] for p in there]
-                    found[np.ix_([axis], here, [other], spots)] = others.route.step
+    pairs = itertools.permutations(enumerate(ways), 2)
+    for unit, ((axis, some), (other, others)) in itertools.product(work.units, pairs):
+        here, there = (
+            [way.number[p] for p in unit.places_of(way.route.key) & way.number.keys()]
+            for way in (some, others)
+        )
+        found[np.ix_([axis], here, [other], there)] = others.route.step
     return found
 
 
