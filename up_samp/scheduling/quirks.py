@@ -107,12 +107,14 @@ def quirks_of(engine: Any) -> Quirks:
         if known is not None:
             return known
     kind = engine.supported_kind()
+    optional = kind.has_optional_activities() and kind.has_scoped_constraints()
     return Quirks(
-        optional=kind.has_optional_activities() and kind.has_scoped_constraints(),
+        optional=optional,
         assignments=kind.has_object_fluents(),
         hierarchical_types=kind.has_hierarchical_typing(),
         resources_with_variable_durations=kind.has_increase_effects()
         and kind.has_decrease_effects(),
+        times_of_others=optional,  # without it, who is absent has times, too
     )
 
 

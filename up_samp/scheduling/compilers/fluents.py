@@ -52,10 +52,11 @@ def compile_instances(problem: PlainProblem) -> Compiled:
     for effect in problem.effects:
         parts = [effect.fluent, effect.value, effect.condition]
         for guard, values in _choices(problem, parts):
-            fluent, value, given = (put(e, values) for e in parts)
-            effects.append(
-                replace(effect, fluent=fluent, value=value, condition=conjunction([guard, given]))
-            )
+            fluent, value, told = (put(e, values) for e in parts)
+            changed = replace(effect, fluent=fluent, value=value, condition=told)
+            written = [rewrite(e, values.get) for e in parts[1:]]
+            conditions += _beside(changed, written, problem.fluents, guard)
+            effects.append(replace(changed, condition=conjunction([guard, told])))
     for constraint in problem.constraints:
         if any(len(f) > 2 for f in fluents_in(constraint)):
             raise UnsupportedError(f"the constraint over fluents {show(constraint)}")
@@ -146,6 +147,8 @@ def _grounded(
     conditions: list[Condition] = []
     found = problem.mapped(lambda e: put(e, replaced))
     constraints = list(found.constraints)
+    # in conditions the plan's end comes after all effects, also those that do not happen
+    to_end = any("horizon" in (c.low[1], c.high[1]) for c in problem.conditions)
     for given, condition in zip(problem.conditions, found.conditions, strict=True):
         conditions += _still(condition, rewrite(given.expression, replaced.get), fluents)
         if fluents_in(condition.expression):
@@ -153,11 +156,14 @@ def _grounded(
         else:
             ways = asks_nothing(problem, condition)
             constraints.append(disjunction([condition.expression, *ways]))
+    for written, effect in zip(problem.effects, found.effects, strict=True):
+        parts = [rewrite(e, replaced.get) for e in (written.value, written.condition)]
+        conditions += _beside(effect, parts, fluents)
     return replace(
         found,
         constraints=tuple(c for c in constraints if c != TRUE),
         conditions=tuple(conditions),
-        effects=tuple(e for e in found.effects if e.condition != FALSE),
+        effects=tuple(e for e in found.effects if to_end or e.condition != FALSE),
         fluents=fluents,
         initial={k: v for k, v in problem.initial.items() if k[1] in kept},
     )
@@ -170,6 +176,20 @@ def _still(condition: Condition, given: Expr, fluents: Mapping[str, Fluent]) -> 
     idle = (f for f in fluents_in(given) if f not in fluents_in(condition.expression))
     same = (("iff" if fluents[f[1]].type[0] == "bool" else "eq", f, f) for f in idle)
     return [replace(condition, expression=e) for e in same]
+
+
+def _beside(
+    effect: Effect, given: list[Expr], fluents: Mapping[str, Fluent], chosen: Expr = TRUE
+) -> list[Condition]:
+    """Return what keeps others' effects away from what an effect's value and condition read, as
+    ``given``, and what decides nothing in them any more; not from what it changes itself.
+    """
+    own = effect.fluent
+    sets_any = own[1] if any(e[0] == "par" for e in own[2:]) else None
+    left = FALSE if effect.condition == FALSE else ("and", effect.value, effect.condition)
+    at = Condition(effect.time, effect.time, left, effect.owner, chosen=chosen)
+    some = _still(at, ("and", *given), fluents) if effect.owner is not None else []
+    return [c for c in some if c.expression[1] != own and c.expression[1][1] != sets_any]
 
 
 def asks_nothing(problem: PlainProblem, condition: Condition) -> list[Expr]:
@@ -234,12 +254,13 @@ def comes_after(problem: PlainProblem, time: Expr, since: Expr) -> Expr:
 
 def reaches_end(problem: PlainProblem, delay: int, time: Expr) -> Expr:
     """State that a time is not before the plan's end, as conditions see it, plus ``delay``: that is
-    one after the last of all ends and effects, not the makespan.
+    one after the last of all ends and effects, not the makespan. An effect counts if it has a time,
+    also where its condition does not hold.
     """
     late: list[Expr] = [("le", ("time", "horizon", None, 1 + delay), time)]
     for effect in problem.effects:
-        idle = negation(problem.happens(effect))
-        late.append(disjunction([idle, ("le", later(effect.time, 1 + delay), time)]))
+        absent = (negation(problem.presence(name)) for name in (effect.owner, effect.time[2]))
+        late.append(disjunction([*absent, ("le", later(effect.time, 1 + delay), time)]))
     return conjunction(late)
 
 
