@@ -17,6 +17,8 @@ from unified_planning.shortcuts import (
     ClosedTimeInterval,
     GlobalEndTiming,
     GlobalStartTiming,
+    IntType,
+    MinimizeMakespan,
     Not,
     Plus,
 )
@@ -25,6 +27,8 @@ from tests.oracles.brute_force_schedule import solve as brute_force
 from tests.scheduling.odd_problems import HORIZON, odd_problem, ways
 from tests.usual import usually
 from up_samp.model import Deadline, ScheduleStatus, UnsupportedError
+from up_samp.scheduling import known_engines
+from up_samp.scheduling.adapters import open_scheduler
 from up_samp.scheduling.compilers.plain import end, integer, negation, start
 from up_samp.scheduling.compilers.translate import ProblemWriter, read_plain
 from up_samp.scheduling.cpsat import CpsatSession
@@ -149,3 +153,61 @@ def test_sums_of_one_time_are_written(kind):
     original = read_plain(problem)
     schedule, _ = solved(chain(original, compilers_for(KINDS[kind])).problem)
     assert validate_schedule(problem, build_schedule(problem, schedule)).valid
+
+
+# -- what engines make of it ---------------------------------------------------------------------
+ENGINES = tuple(name for name, _, _ in known_engines())
+DISPROVEN = (274, 367, 623, 726, 1020, 1086)
+"""Drawn problems with a number that has no least value, which cpse called unsolvable."""
+
+
+def check(problem, schedule):
+    return [str(v) for v in validate_schedule(problem, schedule).violations]
+
+
+def disproven(engine, seeds):
+    """Return what an engine claims of drawn problems, and is not so."""
+    found = {}
+    with open_scheduler(engine, odd_problem(0), check=check) as scheduler:
+        for seed in seeds:
+            scheduler._problem = problem = odd_problem(seed)
+            try:
+                report = scheduler.solve(Deadline.after(20))
+            except UnsupportedError:
+                continue
+            best = brute_force(problem, HORIZON)
+            least = None if report.schedule is None else report.schedule.makespan
+            later = best is not None and least is not None and least > best.makespan
+            none = best is not None and report.status is ScheduleStatus.INFEASIBLE
+            early = best is None and least is not None and least <= HORIZON
+            if none or early or (later and report.status is ScheduleStatus.OPTIMAL):
+                found[seed] = report
+    return found
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize(
+    "seeds", usually((*range(20), *DISPROVEN), of=[(*range(20), *DISPROVEN), range(3000, 5000)])
+)
+def test_engines_prove_nothing_that_is_not_so(engine, seeds):
+    assert disproven(engine, seeds) == {}
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("ends", [(None, 5), (None, None), (-9, None), (-9, 5)])
+def test_numbers_without_ends_are_taken(engine, ends):
+    problem = SchedulingProblem("no ends")
+    level = problem.add_fluent("level", IntType(*ends), default_initial_value=0)
+    work = problem.add_activity("work", 2)
+    number, shared = (
+        work.add_parameter("number", IntType(*ends)),
+        problem.add_variable("shared", IntType(*ends)),
+    )
+    problem.add_constraint(LE(number, -3))
+    problem.add_constraint(LE(shared, number))
+    work.add_decrease_effect(work.start, level, 4)
+    problem.add_quality_metric(MinimizeMakespan())
+    with open_scheduler(engine, problem, check=check) as scheduler:
+        report = scheduler.solve(Deadline.after(20))
+    assert report.schedule is not None, report
+    assert report.schedule.makespan == 2

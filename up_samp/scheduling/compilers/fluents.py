@@ -1,5 +1,6 @@
 """Fluents and types that engines take: ground fluents, without arguments, or precedences in place
-of fluents; user types that something has, none below others.
+of fluents; user types that something has, none below others; numbers with a least and a greatest
+value.
 """
 
 from __future__ import annotations
@@ -321,6 +322,74 @@ def compile_unused(problem: PlainProblem) -> Compiled:
     kept = {name: father for name, father in problem.types.items() if _root(problem, name) in roots}
     objects = {name: tpe for name, tpe in problem.objects.items() if tpe in kept}
     return Compiled(replace(problem, types=kept, objects=objects))
+
+
+# ------------------ Numbers without a least or a greatest value
+
+FAR = 10**8
+"""How far parameters without an end may go."""
+
+
+def compile_least(problem: PlainProblem) -> Compiled:
+    """Give every number a least value (cpse 0.1.0 takes 0 where there is none): a fluent the least
+    that its effects can make of it. The result is not exact where a parameter has none.
+    """
+    return _closed(problem, 1, -1)
+
+
+def compile_greatest(problem: PlainProblem) -> Compiled:
+    """Give every number a greatest value, likewise (aries 0.5.0 knows no half-open ranges)."""
+    return _closed(problem, 2, 1)
+
+
+def _closed(problem: PlainProblem, end: int, sign: int) -> Compiled:
+    def is_open(tpe: Type) -> bool:
+        return tpe[0] == "int" and tpe[end] is None
+
+    def close(tpe: Type, value: int = sign * FAR) -> Type:
+        return (*tpe[:end], value, *tpe[end + 1 :]) if is_open(tpe) else tpe
+
+    exact = not any(map(is_open, problem.parameter_types.values()))
+    closed = replace(
+        problem,
+        activities=tuple(
+            replace(a, parameters=tuple((n, close(t)) for n, t in a.parameters))
+            for a in problem.activities
+        ),
+        variables={n: close(t) for n, t in problem.variables.items()},
+    )
+    fluents = {
+        name: replace(f, type=close(f.type, _furthest(closed, name, sign)))
+        if is_open(f.type)
+        else f
+        for name, f in problem.fluents.items()
+    }
+    return Compiled(replace(closed, fluents=fluents), exact=exact)
+
+
+def _furthest(problem: PlainProblem, name: str, sign: int) -> int:
+    """Return a value that a fluent cannot fall below (``sign`` -1) or rise above, 0 at most or at
+    least: cpse takes no others.
+
+    Raises:
+        UnsupportedError: it is changed by what is neither a constant nor a parameter.
+    """
+    values = [sign * v[1] for f, v in problem.initial.items() if f[1] == name]
+    default, total = problem.fluents[name].default, 0
+    values += [] if default is None else [sign * default[1]]
+    for effect in problem.effects:
+        if effect.fluent[1] != name:
+            continue
+        value = evaluate(effect.value)
+        if value[0] not in ("int", "par"):
+            raise UnsupportedError(f"{name}, a number without an end, changed by {show(value)}")
+        some = (value[1],) if value[0] == "int" else problem.parameter_types[value[1]][1:]
+        if effect.kind == "assign":
+            values.append(max(sign * n for n in some))
+        else:
+            way = sign if effect.kind == "increase" else -sign
+            total += max(0, *(way * n for n in some))
+    return sign * max(0, max(values, default=0) + total)
 
 
 # ------------------ Fluents to precedence constraints, for engines without assignments to fluents
