@@ -585,6 +585,13 @@ def _capacity(planned: Planned, key: Expr, writes: list[_Write]) -> int | None:
     return int(initial - (type_[1] if type_[1] is not None else 0))
 
 
+def _for_no_time(key: Expr, users: list[str]) -> Iterator[OrderConstraint]:
+    """Uses of a resource that last no time go on to: they take nothing from anybody."""
+    for name in users:
+        need = Difference(("end", name), ("start", name), 0)
+        yield OrderConstraint(need, "duration", f"{name} takes {show(key)} for no time")
+
+
 def _chained(
     planned: Planned, key: Expr, writes: list[_Write], capacity: int
 ) -> Iterator[OrderConstraint]:
@@ -598,9 +605,7 @@ def _chained(
         (n for n in amount if planned.times[n][0] < planned.times[n][1]),
         key=lambda n: (planned.times[n], n),
     )
-    for name in sorted(amount.keys() - set(users)):
-        need = Difference(("end", name), ("start", name), 0)
-        yield OrderConstraint(need, "duration", f"{name} takes {show(key)} for no time")
+    yield from _for_no_time(key, sorted(amount.keys() - set(users)))
     if not users:
         return
     sizes = sorted(amount[n] for n in users)
