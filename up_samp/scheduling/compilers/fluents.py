@@ -326,9 +326,6 @@ def compile_unused(problem: PlainProblem) -> Compiled:
 
 # ------------------ Numbers without a least or a greatest value
 
-FAR = 10**8
-"""How far parameters without an end may go."""
-
 
 def compile_least(problem: PlainProblem) -> Compiled:
     """Give every number a least value (cpse 0.1.0 takes 0 where there is none): a fluent the least
@@ -342,11 +339,13 @@ def compile_greatest(problem: PlainProblem) -> Compiled:
     return _closed(problem, 2, 1)
 
 
-def _closed(problem: PlainProblem, end: int, sign: int) -> Compiled:
+def _closed(problem: PlainProblem, end: int, sign: int, far: int = 10**8) -> Compiled:
+    """Give numbers an end (1: the least value, 2: the greatest); parameters may go ``far``."""
+
     def is_open(tpe: Type) -> bool:
         return tpe[0] == "int" and tpe[end] is None
 
-    def close(tpe: Type, value: int = sign * FAR) -> Type:
+    def close(tpe: Type, value: int = sign * far) -> Type:
         return (*tpe[:end], value, *tpe[end + 1 :]) if is_open(tpe) else tpe
 
     exact = not any(map(is_open, problem.parameter_types.values()))
