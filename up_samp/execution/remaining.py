@@ -40,7 +40,7 @@ from up_samp.scheduling.partial_order.differences import Planned, constant, kept
 from up_samp.scheduling.partial_order.orders import durations
 from up_samp.upio.expressions import activities_in, conditions_of, own_end, told_by
 from up_samp.upio.movers import Involved, brought, named_as_planned, whereabouts
-from up_samp.upio.restrict import Decided
+from up_samp.upio.restrict import Decided, keep_times
 
 # ------------------ What has happened by now: effects, as initial values of what is left
 
@@ -436,6 +436,8 @@ class _Builder:
         self.sure = self._substitution(self._sure_times())
         self._costs(fix, target)
         target._base._constraints = self._constraints(fix, self.source._base)
+        keep_times(fix, target._base)
+        self._refuse_times(target._base)
         self._timed(target._base)
         target._activities = []
         for activity in self.source.activities:
@@ -444,10 +446,8 @@ class _Builder:
             going = activity.name in running
             copy = begun(activity, self.values) if going else activity.clone()
             copy._constraints = self._constraints(fix, activity)
-            copy._conditions = {
-                span: [fix(c) if fix.tells(c) else c for c in nodes]
-                for span, nodes in copy._conditions.items()
-            }
+            keep_times(fix, copy)
+            self._refuse_times(copy, activity.name)
             target._activities.append(copy)
         target._motion_activities = [a for a in target._activities if isinstance(a, MotionActivity)]
         for name in sorted(running):
@@ -468,6 +468,19 @@ class _Builder:
             tuple(self.notes),
             {k: float(self.plan[k]) for k in ("seconds_per_unit", "margin") if k in self.plan},
         )
+
+    def _refuse_times(self, left: Any, owner: str | None = None) -> None:
+        """Raise :class:`UnsupportedError` where conditions or effects are at times of others that
+        have begun.
+        """
+        spans = ((span, (span.lower, span.upper)) for span in conditions_of(left))
+        for what, times in (*spans, *((time, (time,)) for time in left.effects)):
+            names = {name for t in times if (name := t.timepoint.container) != owner}
+            for name in sorted(names & (self.exact.keys() | set(self._running()))):
+                raise UnsupportedError(
+                    f"what is asked or happens at {what} in '{owner or self.source.name}', from "
+                    f"now on: '{name}' has begun"
+                )
 
     def _started(self, name: str) -> float:
         """Return when an activity began (units)."""

@@ -28,8 +28,10 @@ from up_samp.scheduling.compilers.constraints import (
 )
 from up_samp.scheduling.compilers.fluents import (
     compile_flat_types,
+    compile_greatest,
     compile_ground,
     compile_instances,
+    compile_least,
     compile_precedences,
     compile_unused,
 )
@@ -76,6 +78,8 @@ _PASSES: tuple[tuple[Compiler, str], ...] = (
     (compile_differences, ""),
     (compile_products, "products"),
     (compile_optional, "optional"),
+    (compile_least, "without_least"),
+    (compile_greatest, "without_greatest"),
     (compile_anchor, ""),
     (compile_unused, ""),
 )

@@ -28,6 +28,8 @@ class Quirks:
         times_of_others: conditions and effects may be at times of other activities, and conditions
             before the plan's end.
         products: multiplies by constants.
+        without_least: takes numbers without a least value.
+        without_greatest: takes numbers without a greatest value.
         proves_unsolvable: its ``UNSOLVABLE_PROVEN`` is a proof.
         message_limit: largest problem in bytes of protobuf, if it is sent to a server.
         environment: environment variables to set for its process.
@@ -43,6 +45,8 @@ class Quirks:
     empty_intervals: bool = True
     times_of_others: bool = True
     products: bool = True
+    without_least: bool = True
+    without_greatest: bool = True
     proves_unsolvable: bool = True
     message_limit: int | None = None
     environment: tuple[tuple[str, str], ...] = ()
@@ -60,6 +64,8 @@ _ARIES = Quirks(
     empty_intervals=False,
     times_of_others=False,  # takes them for its own, or never: calls the wrong plan optimal
     products=False,  # "Unsupported operator up:times"
+    without_least=False,  # "Unsupported type up:integer[-inf, 5]"
+    without_greatest=False,
     proves_unsolvable=False,
     message_limit=4 * 2**20,
 )
@@ -74,6 +80,7 @@ _CPSE = Quirks(
     optional=True,
     assignments=False,  # passes ``supports()``, fails in ``solve``
     hierarchical_types=False,  # gives a wrong UNSOLVABLE_PROVEN
+    without_least=False,  # takes 0 for it: likewise
 )
 _TABLE = {
     ("up_aries", "Aries"): _ARIES_FIRST,
@@ -107,12 +114,14 @@ def quirks_of(engine: Any) -> Quirks:
         if known is not None:
             return known
     kind = engine.supported_kind()
+    optional = kind.has_optional_activities() and kind.has_scoped_constraints()
     return Quirks(
-        optional=kind.has_optional_activities() and kind.has_scoped_constraints(),
+        optional=optional,
         assignments=kind.has_object_fluents(),
         hierarchical_types=kind.has_hierarchical_typing(),
         resources_with_variable_durations=kind.has_increase_effects()
         and kind.has_decrease_effects(),
+        times_of_others=optional,  # without it, who is absent has times, too
     )
 
 

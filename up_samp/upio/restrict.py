@@ -13,7 +13,7 @@ from functools import partial
 from typing import TypeVar
 
 from unified_planning.environment import Environment
-from unified_planning.model import FNode, TimepointKind
+from unified_planning.model import FNode, Timepoint, TimepointKind, Timing
 from unified_planning.model.motion import MotionActivity, SchedulingMotionProblem
 from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import SchedulingProblem
@@ -387,10 +387,12 @@ def _left_of(
         if activity.optional and activity.name not in free:
             copied._optional, copied._present = False, fix.manager.TRUE()
         _keep_constraints(fix, activity, copied)
+        keep_times(fix, copied)
         target._activities.append(copied)
         if isinstance(copied, MotionActivity):
             target._motion_activities.append(copied)
     _keep_constraints(fix, problem._base, target._base)
+    keep_times(fix, target._base)
     return target, fix
 
 
@@ -405,3 +407,21 @@ def _keep_constraints(fix: Decided, source: Chronicle, target: Chronicle) -> Non
         fixed = fix(constraint)
         if not fixed.is_true():
             target._constraints.append((fixed, [s for s in kept if not s.is_true()]))
+
+
+def keep_times(fix: Decided, target: Chronicle) -> None:
+    """Drop conditions and effects at times of what is absent, and conditions on what it decides:
+    these ask nothing, and do not happen.
+    """
+
+    def there(*times: Timing | Timepoint) -> bool:
+        points = (t if isinstance(t, Timepoint) else t.timepoint for t in times)
+        return fix.absent.isdisjoint(point.container for point in points)
+
+    effects, conditions = target._effects, target._conditions
+    target._effects = {time: some for time, some in effects.items() if there(time)}
+    target._conditions = {}
+    for span, nodes in conditions.items():
+        if there(span.lower, span.upper):
+            fixed = [fix(n) if fix.tells(n) else n for n in nodes]
+            target._conditions[span] = [n for n in fixed if not n.is_true()]

@@ -2,11 +2,16 @@
 optimal answers, in two listings, against the plain model, and small ones against brute force.
 """
 
+import random
+
 import pytest
+from unified_planning.model.scheduling import SchedulingProblem
+from unified_planning.shortcuts import BoolType, IntType, MinimizeMakespan, Not
 
 from tests.oracles.brute_force_schedule import solve as brute_force
 from tests.scheduling.cpsat.ledgers import HORIZON, ledger
 from tests.shuffled import shuffled
+from tests.usual import usually
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.upio.objective import Objective
@@ -88,6 +93,30 @@ def beside_brute_force(problem, found):
 
 def wrong(seeds, **size):
     return {seed: found for seed in seeds if (found := contradicted(seed, **size))}
+
+
+def switched(seed):
+    """Return a problem of a level that two raise and lower if a switch of theirs is on, or off."""
+    r, problem = random.Random(seed), SchedulingProblem(f"switched {seed}")
+    level = problem.add_fluent("level", IntType(0, 2), default_initial_value=r.choice((0, 1)))
+    for name in "ab":
+        activity = problem.add_activity(name, r.choice((1, 2)))
+        switch = activity.add_parameter("switch", BoolType())
+        for time in (activity.start, activity.end):
+            change = r.choice((activity.add_increase_effect, activity.add_decrease_effect))
+            change(time, level, 1, *r.choice(((), (switch,), (Not(switch),), (Not(switch),))))
+    problem.add_quality_metric(MinimizeMakespan())
+    return problem
+
+
+@pytest.mark.parametrize("seeds", usually(range(6), of=[range(6), range(200, 400)]))
+def test_amounts_that_hang_on_what_is_not_so(seeds):
+    """OR-Tools ended the process over reservoirs with negated literals."""
+    for seed in seeds:
+        problem = switched(seed)
+        found = [answer(shuffled(problem, seed), plain=plain) for plain in (False, True)]
+        assert not wrong_answers(found), found
+        assert not beside_brute_force(problem, found)
 
 
 def test_answers_to_ledgers_agree():

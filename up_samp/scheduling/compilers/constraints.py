@@ -199,6 +199,7 @@ def _side(terms: list[tuple[Expr, int]], constant: int) -> Expr:
     total: Expr | None = None
     for variable, coefficient in terms:
         term = variable if coefficient == 1 else ("times", integer(coefficient), variable)
+        term = _sums(term) if variable[0] == "time" else term  # UP knows no products of times
         total = term if total is None else ("plus", total, term)
     assert total is not None
     return ("plus", total, integer(constant)) if constant else total

@@ -1,5 +1,6 @@
 """Fluents and types that engines take: ground fluents, without arguments, or precedences in place
-of fluents; user types that something has, none below others.
+of fluents; user types that something has, none below others; numbers with a least and a greatest
+value.
 """
 
 from __future__ import annotations
@@ -52,10 +53,11 @@ def compile_instances(problem: PlainProblem) -> Compiled:
     for effect in problem.effects:
         parts = [effect.fluent, effect.value, effect.condition]
         for guard, values in _choices(problem, parts):
-            fluent, value, given = (put(e, values) for e in parts)
-            effects.append(
-                replace(effect, fluent=fluent, value=value, condition=conjunction([guard, given]))
-            )
+            fluent, value, told = (put(e, values) for e in parts)
+            changed = replace(effect, fluent=fluent, value=value, condition=told)
+            written = [rewrite(e, values.get) for e in parts[1:]]
+            conditions += _beside(changed, written, problem.fluents, guard)
+            effects.append(replace(changed, condition=conjunction([guard, told])))
     for constraint in problem.constraints:
         if any(len(f) > 2 for f in fluents_in(constraint)):
             raise UnsupportedError(f"the constraint over fluents {show(constraint)}")
@@ -146,6 +148,8 @@ def _grounded(
     conditions: list[Condition] = []
     found = problem.mapped(lambda e: put(e, replaced))
     constraints = list(found.constraints)
+    # in conditions the plan's end comes after all effects, also those that do not happen
+    to_end = any("horizon" in (c.low[1], c.high[1]) for c in problem.conditions)
     for given, condition in zip(problem.conditions, found.conditions, strict=True):
         conditions += _still(condition, rewrite(given.expression, replaced.get), fluents)
         if fluents_in(condition.expression):
@@ -153,11 +157,14 @@ def _grounded(
         else:
             ways = asks_nothing(problem, condition)
             constraints.append(disjunction([condition.expression, *ways]))
+    for written, effect in zip(problem.effects, found.effects, strict=True):
+        parts = [rewrite(e, replaced.get) for e in (written.value, written.condition)]
+        conditions += _beside(effect, parts, fluents)
     return replace(
         found,
         constraints=tuple(c for c in constraints if c != TRUE),
         conditions=tuple(conditions),
-        effects=tuple(e for e in found.effects if e.condition != FALSE),
+        effects=tuple(e for e in found.effects if to_end or e.condition != FALSE),
         fluents=fluents,
         initial={k: v for k, v in problem.initial.items() if k[1] in kept},
     )
@@ -170,6 +177,20 @@ def _still(condition: Condition, given: Expr, fluents: Mapping[str, Fluent]) -> 
     idle = (f for f in fluents_in(given) if f not in fluents_in(condition.expression))
     same = (("iff" if fluents[f[1]].type[0] == "bool" else "eq", f, f) for f in idle)
     return [replace(condition, expression=e) for e in same]
+
+
+def _beside(
+    effect: Effect, given: list[Expr], fluents: Mapping[str, Fluent], chosen: Expr = TRUE
+) -> list[Condition]:
+    """Return what keeps others' effects away from what an effect's value and condition read, as
+    ``given``, and what decides nothing in them any more; not from what it changes itself.
+    """
+    own = effect.fluent
+    sets_any = own[1] if any(e[0] == "par" for e in own[2:]) else None
+    left = FALSE if effect.condition == FALSE else ("and", effect.value, effect.condition)
+    at = Condition(effect.time, effect.time, left, effect.owner, chosen=chosen)
+    some = _still(at, ("and", *given), fluents) if effect.owner is not None else []
+    return [c for c in some if c.expression[1] != own and c.expression[1][1] != sets_any]
 
 
 def asks_nothing(problem: PlainProblem, condition: Condition) -> list[Expr]:
@@ -234,12 +255,13 @@ def comes_after(problem: PlainProblem, time: Expr, since: Expr) -> Expr:
 
 def reaches_end(problem: PlainProblem, delay: int, time: Expr) -> Expr:
     """State that a time is not before the plan's end, as conditions see it, plus ``delay``: that is
-    one after the last of all ends and effects, not the makespan.
+    one after the last of all ends and effects, not the makespan. An effect counts if it has a time,
+    also where its condition does not hold.
     """
     late: list[Expr] = [("le", ("time", "horizon", None, 1 + delay), time)]
     for effect in problem.effects:
-        idle = negation(problem.happens(effect))
-        late.append(disjunction([idle, ("le", later(effect.time, 1 + delay), time)]))
+        absent = (negation(problem.presence(name)) for name in (effect.owner, effect.time[2]))
+        late.append(disjunction([*absent, ("le", later(effect.time, 1 + delay), time)]))
     return conjunction(late)
 
 
@@ -300,6 +322,73 @@ def compile_unused(problem: PlainProblem) -> Compiled:
     kept = {name: father for name, father in problem.types.items() if _root(problem, name) in roots}
     objects = {name: tpe for name, tpe in problem.objects.items() if tpe in kept}
     return Compiled(replace(problem, types=kept, objects=objects))
+
+
+# ------------------ Numbers without a least or a greatest value
+
+
+def compile_least(problem: PlainProblem) -> Compiled:
+    """Give every number a least value (cpse 0.1.0 takes 0 where there is none): a fluent the least
+    that its effects can make of it. The result is not exact where a parameter has none.
+    """
+    return _closed(problem, 1, -1)
+
+
+def compile_greatest(problem: PlainProblem) -> Compiled:
+    """Give every number a greatest value, likewise (aries 0.5.0 knows no half-open ranges)."""
+    return _closed(problem, 2, 1)
+
+
+def _closed(problem: PlainProblem, end: int, sign: int, far: int = 10**8) -> Compiled:
+    """Give numbers an end (1: the least value, 2: the greatest); parameters may go ``far``."""
+
+    def is_open(tpe: Type) -> bool:
+        return tpe[0] == "int" and tpe[end] is None
+
+    def close(tpe: Type, value: int = sign * far) -> Type:
+        return (*tpe[:end], value, *tpe[end + 1 :]) if is_open(tpe) else tpe
+
+    exact = not any(map(is_open, problem.parameter_types.values()))
+    closed = replace(
+        problem,
+        activities=tuple(
+            replace(a, parameters=tuple((n, close(t)) for n, t in a.parameters))
+            for a in problem.activities
+        ),
+        variables={n: close(t) for n, t in problem.variables.items()},
+    )
+    fluents = {
+        name: replace(f, type=close(f.type, _furthest(closed, name, sign)))
+        if is_open(f.type)
+        else f
+        for name, f in problem.fluents.items()
+    }
+    return Compiled(replace(closed, fluents=fluents), exact=exact)
+
+
+def _furthest(problem: PlainProblem, name: str, sign: int) -> int:
+    """Return a value that a fluent cannot fall below (``sign`` -1) or rise above, 0 at most or at
+    least: cpse takes no others.
+
+    Raises:
+        UnsupportedError: it is changed by what is neither a constant nor a parameter.
+    """
+    values = [sign * v[1] for f, v in problem.initial.items() if f[1] == name]
+    default, total = problem.fluents[name].default, 0
+    values += [] if default is None else [sign * default[1]]
+    for effect in problem.effects:
+        if effect.fluent[1] != name:
+            continue
+        value = evaluate(effect.value)
+        if value[0] not in ("int", "par"):
+            raise UnsupportedError(f"{name}, a number without an end, changed by {show(value)}")
+        some = (value[1],) if value[0] == "int" else problem.parameter_types[value[1]][1:]
+        if effect.kind == "assign":
+            values.append(max(sign * n for n in some))
+        else:
+            way = sign if effect.kind == "increase" else -sign
+            total += max(0, *(way * n for n in some))
+    return sign * max(0, max(values, default=0) + total)
 
 
 # ------------------ Fluents to precedence constraints, for engines without assignments to fluents

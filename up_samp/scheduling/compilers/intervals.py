@@ -89,11 +89,13 @@ def _effect_by_effect(
     conditions = [replace(condition, high=low)]
     constraints: list[Expr] = []
     for effect in effects:
+        if fluents_in(effect.condition):
+            return None
         if not condition.lets(effect):
             constraints.append(outside(problem, condition, effect))
             continue
         since, until = least(problem, low, effect.time), least(problem, effect.time, high)
-        if effect.kind != "assign" or fluents_in(effect.value) or fluents_in(effect.condition):
+        if effect.kind != "assign" or fluents_in(effect.value):
             return None
         after = put(condition.expression, {effect.fluent: effect.value})
         ways = [*problem.apart(condition, effect), comes_before(problem, effect.time, low)]
@@ -212,14 +214,11 @@ def compile_stillness(problem: PlainProblem) -> Compiled:
     conditions: dict[Condition, None] = {}
     for condition in problem.conditions:
         fluent = _still(condition)
-        if fluent is None:
+        others = [e for e in effects.get(fluent, ()) if not condition.lets(e)]
+        if fluent is None or any(fluents_in(e.condition) for e in others):
             conditions[condition] = None
         else:
-            constraints += [
-                outside(problem, condition, e)
-                for e in effects.get(fluent, ())
-                if not condition.lets(e)
-            ]
+            constraints += [outside(problem, condition, e) for e in others]
     kept = tuple(_without_implied(list(conditions)))
     return Compiled(problem.saying(constraints, conditions=kept))
 

@@ -13,7 +13,7 @@ import itertools
 import math
 from collections import deque
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -194,9 +194,12 @@ def _kept_leaf(planned: Planned, e: Expr, positive: bool) -> list[Difference] | 
         raise UnsupportedError(
             f"'{show(e)}' is no difference of two points in time: no executive could keep it"
         )
-    # everything ends by the plan's end
-    ends = need.then == HORIZON and need.first != HORIZON and need.lag <= 0
-    return [] if ends else [need]
+    if need.then != HORIZON or need.first == HORIZON:
+        return [need]
+    if need.lag + need.strict <= 0:
+        return []  # everything ends by the plan's end
+    last = max(planned.times, key=lambda name: (planned.times[name][1], name))
+    return [replace(need, then=("end", last))]
 
 
 def _may_be(planned: Planned, e: Expr, positive: bool) -> bool:

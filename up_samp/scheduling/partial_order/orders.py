@@ -16,11 +16,12 @@ from up_samp.model.errors import short
 from up_samp.model.graphs import grouped
 from up_samp.model.snapshot import Snapshot
 from up_samp.scheduling.compilers.constraints import amounts_taken
-from up_samp.scheduling.compilers.plain import Effect, Expr, show, subexpressions
+from up_samp.scheduling.compilers.plain import Condition, Effect, Expr, show, subexpressions
 from up_samp.scheduling.compilers.translate import read_constraints
 from up_samp.scheduling.partial_order.differences import (
     HORIZON,
     MISSING,
+    ZERO,
     Difference,
     Planned,
     Point,
@@ -205,10 +206,15 @@ class _Read:
 
 
 def _fluents(planned: Planned) -> Iterator[OrderConstraint]:
-    writes, reads = _writes(planned), _reads(planned)
+    writes, asked = _writes(planned), _asked(planned)
+    idle = _idle(planned, writes, asked)
+    yield from _as_short(idle)
+    left = set(map(id, idle))
+    reads = _reads(planned, [one for one in asked if id(one) not in left])
     moments: dict[int, list[Moment]] = {}
     for key, all_writes in writes.items():
         all_writes.sort(key=lambda w: w.time)
+        yield from _after_zero(key, all_writes)
         mine = reads.get(key, ())
         # whoever looks at it while units change hands sees the plan's sequence of values
         watched = any(read.owner is None for read in mine)
@@ -216,7 +222,7 @@ def _fluents(planned: Planned) -> Iterator[OrderConstraint]:
         if chained is not None:
             yield from _chained(planned, key, all_writes, chained)
         else:
-            yield from _in_order(key, all_writes)
+            yield from _in_order(planned, key, all_writes)
             for time, groups in _several_at_once(all_writes):
                 moments.setdefault(time, []).append((key, groups))
         for read in mine:
@@ -233,12 +239,91 @@ def _writes(planned: Planned) -> dict[Expr, list[_Write]]:
         key = planned.ground(effect.fluent)
         if at is None or key is None:
             continue
+        if at[0] == HORIZON:
+            raise UnsupportedError(
+                f"the effect on {show(key)} at the plan's end: no executive could keep it"
+            )
         time = planned.time(at[0]) + at[1]
         found.setdefault(key, []).append(_Write(at[0], at[1], time, effect.owner, effect))
     return found
 
 
-def _reads(planned: Planned) -> dict[Expr, list[_Read]]:
+def _after_zero(key: Expr, writes: list[_Write]) -> Iterator[OrderConstraint]:
+    """No effect comes before the plan's start."""
+    for w in writes:
+        if w.delay < 0 and w.point != ZERO:
+            why = f"{_who(w)} sets {show(key)} after the plan's start"
+            yield OrderConstraint(Difference(ZERO, w.point, -w.delay), "fluent", why)
+
+
+Asked = tuple[Condition, tuple[Point, int], tuple[Point, int]]
+"""A condition, and the points and delays from which and until which it is asked for."""
+
+
+def _asked(planned: Planned) -> list[Asked]:
+    """Return the conditions that are asked for at all.
+
+    Raises ``UnsupportedError`` for times before the plan's end: these are no differences.
+    """
+    found: list[Asked] = []
+    for condition in planned.problem.conditions:
+        low, high = planned.point(condition.low), planned.point(condition.high)
+        if not planned.there(condition.owner) or low is None or high is None:
+            continue
+        if any(point == HORIZON and delay < 0 for point, delay in (low, high)):
+            raise UnsupportedError(
+                f"{_named(condition)} before the plan's end: no executive could keep it"
+            )
+        found.append((condition, low, high))
+    return found
+
+
+def _idle(planned: Planned, writes: Mapping[Expr, list[_Write]], asked: list[Asked]) -> list[Asked]:
+    """Return what is asked over intervals that are empty as planned and have to stay so. Of others
+    all that is asked is so, and can be kept should something take longer.
+    """
+    times = sorted({w.time for some in writes.values() for w in some})
+    last = 1 + max([planned.makespan, *times])  # in conditions the plan's end comes after all
+    found: list[Asked] = []
+    empty: list[tuple[int, Asked]] = []
+    for one in asked:
+        begin, end = (
+            (last if point == HORIZON else planned.time(point)) + delay for point, delay in one[1:]
+        )
+        if end < begin and any(end < t < begin for t in times):
+            found.append(one)
+        elif end < begin:
+            empty.append((begin, one))
+    empty.sort(key=lambda e: -e[0])
+    now = planned
+    for time, now in _replayed(planned, writes, last) if empty else ():
+        while empty and empty[-1][0] <= time:
+            found += _false(now, empty.pop()[1])
+    return found + [one for _, left in empty for one in _false(now, left)]
+
+
+def _false(now: Planned, one: Asked) -> list[Asked]:
+    return [one] if kept(now, one[0].expression) is None else []
+
+
+def _as_short(idle: list[Asked]) -> Iterator[OrderConstraint]:
+    """Intervals that have to stay empty."""
+    for condition, (low, since), (high, until) in idle:
+        if HORIZON in (low, high):
+            raise UnsupportedError(
+                f"{_named(condition)} does not hold at the plan's end, which comes too soon: no "
+                "executive could keep it"
+            )
+        if low != high:
+            why = f"nothing is asked by the {_named(condition)}"
+            yield OrderConstraint(Difference(high, low, until - since + 1), "fluent", why)
+
+
+def _named(condition: Condition) -> str:
+    return f"condition '{_short(condition.expression)}' of {condition.owner or 'the problem'}"
+
+
+def _reads(planned: Planned, asked: list[Asked]) -> dict[Expr, list[_Read]]:
     found: dict[Expr, list[_Read]] = {}
 
     def add(expressions: tuple[Expr, ...], read: _Read) -> None:
@@ -251,15 +336,8 @@ def _reads(planned: Planned) -> dict[Expr, list[_Read]]:
         for key in sorted(keys, key=str):
             found.setdefault(key, []).append(read)
 
-    for condition in planned.problem.conditions:
-        if not planned.there(condition.owner):
-            continue
-        low, high = planned.point(condition.low), planned.point(condition.high)
-        if low is None or high is None:
-            continue
-        if planned.time(low[0]) + low[1] > planned.time(high[0]) + high[1]:
-            continue  # nothing is asked of an empty interval
-        what = f"condition '{_short(condition.expression)}' of {condition.owner or 'the problem'}"
+    for condition, low, high in asked:
+        what = _named(condition)
         read = _Read(low, high, condition.owner, what, low[1] >= 1, condition.dense)
         add((condition.expression,), read)
     for effect in planned.problem.effects:
@@ -298,45 +376,55 @@ def _around(
     if high == HORIZON:
         end = max([end, *(w.time for w in writes)]) + 1
     before = [w for w in writes if w.time < begin or (low == HORIZON and w.time <= end)]
-    after = [w for w in writes if w.time >= end]
+    after = [w for w in writes if w.time >= max(begin, end)]  # it may be empty
     if not every:
-        # the others': an activity's own changes are tied to its start or its end, not to the reader
+        # of the others' the next ones: the rest comes before or after those
         last = max((w.time for w in before if w.owner != read.owner), default=0)
-        next_ = min((w.time for w in after if w.time > end and w.owner != read.owner), default=end)
+        others = [w.time for w in after if w.time > end and w.owner != read.owner]
         before = [w for w in before if w.time >= last]
-        after = [w for w in after if w.time <= next_]
+        after = [w for w in after if not others or w.time <= min(others)]
     for w in before:
         lag = w.delay - dl + 1
-        if _matter(w, low, read.owner, lag) and low != HORIZON:
+        if low != HORIZON and _matter(planned, w.point, low, lag):
             need = Difference(w.point, low, lag) if read.open_low else _dense(w.point, low, lag)
             why = f"{w.owner or 'the problem'} sets {show(key)} for the {read.what}"
             yield OrderConstraint(need, "fluent", why)
     for w in after:
         lag = dh - w.delay + (w.time > end)
-        if _matter(w, high, read.owner, lag) and high != HORIZON:
+        if high != HORIZON and _matter(planned, high, w.point, lag):
             plain = read.open_high or w.time == end
             need = Difference(high, w.point, lag) if plain else _dense(high, w.point, lag)
             why = f"{w.owner or 'the problem'} changes {show(key)} only after the {read.what}"
             yield OrderConstraint(need, "fluent", why)
 
 
-def _matter(write: _Write, point: Point, owner: str | None, lag: int) -> bool:
-    """Return whether the order of a write and of something else at ``point`` has to be stated: an
-    activity's own start and end keep theirs, but for what is more than a unit apart.
+def _matter(planned: Planned, first: Point, then: Point, lag: int) -> bool:
+    """Return whether it has to be stated that ``then`` comes ``lag`` units after ``first``: an
+    activity's end comes after its start.
     """
-    if write.owner is None and owner is None:
-        return write.point != point
-    return write.owner != owner or (write.point != point and lag > 1)
+    name = first[1]
+    if first != ("start", name) or then != ("end", name):
+        return first != then
+    return lag > _least(planned, name)
 
 
-def _in_order(key: Expr, writes: list[_Write]) -> Iterator[OrderConstraint]:
+def _least(planned: Planned, name: str) -> int:
+    """Return how long (units) an activity lasts at least."""
+    lower = planned.problem.activity(name).lower
+    if any(e[0] == "flu" for e in subexpressions(lower)):
+        return planned.times[name][1] - planned.times[name][0]
+    form = planned.linear(lower)
+    return 0 if form is None or form.coefficients else max(0, form.constant)
+
+
+def _in_order(planned: Planned, key: Expr, writes: list[_Write]) -> Iterator[OrderConstraint]:
     """Changes of one fluent at different instants happen in the plan's order."""
     instants = sorted({w.time for w in writes})
     for one, two in itertools.pairwise(instants):
         for w in (w for w in writes if w.time == one):
             for v in (v for v in writes if v.time == two):
                 lag = w.delay - v.delay + 1
-                if _matter(w, v.point, v.owner, lag):
+                if _matter(planned, w.point, v.point, lag):
                     need = _dense(w.point, v.point, lag)
                     why = f"{_who(w)} sets {show(key)} before {_who(v)} does"
                     yield OrderConstraint(need, "fluent", why)
@@ -429,13 +517,13 @@ def _sequence(now: Planned, key: Expr, groups: Groups) -> Groups:
     for group in groups:
         total = 0
         for w in group:
-            if kept(now, w.effect.condition) is not None:
-                kind = _SIGN.get(w.effect.kind, "plus")
+            kind = _SIGN.get(w.effect.kind)  # where one assigns no other one happens
+            if kind is not None and kept(now, w.effect.condition) is not None:
                 total += int(_constant(now, (kind, ("int", 0), w.effect.value))[1])
         amounts.append(total)
     type_ = now.problem.fluents[key[1]].type
     low, high = (type_[1], type_[2]) if type_[0] == "int" else (None, None)
-    here = int(_constant(now, key)[1])
+    here = int(_constant(now, key)[1]) if type_[0] == "int" else 0
     up, down = sum(a for a in amounts if a > 0), sum(a for a in amounts if a < 0)
     fits_up, fits_down = high is None or here + up <= high, low is None or here + down >= low
     hangs = _depends(key, groups)
@@ -497,6 +585,13 @@ def _capacity(planned: Planned, key: Expr, writes: list[_Write]) -> int | None:
     return int(initial - (type_[1] if type_[1] is not None else 0))
 
 
+def _for_no_time(key: Expr, users: list[str]) -> Iterator[OrderConstraint]:
+    """Uses of a resource that last no time go on to: they take nothing from anybody."""
+    for name in users:
+        need = Difference(("end", name), ("start", name), 0)
+        yield OrderConstraint(need, "duration", f"{name} takes {show(key)} for no time")
+
+
 def _chained(
     planned: Planned, key: Expr, writes: list[_Write], capacity: int
 ) -> Iterator[OrderConstraint]:
@@ -510,6 +605,7 @@ def _chained(
         (n for n in amount if planned.times[n][0] < planned.times[n][1]),
         key=lambda n: (planned.times[n], n),
     )
+    yield from _for_no_time(key, sorted(amount.keys() - set(users)))
     if not users:
         return
     sizes = sorted(amount[n] for n in users)

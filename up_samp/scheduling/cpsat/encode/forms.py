@@ -305,6 +305,15 @@ class ModelStore:
             found = self._negated[literal] = self.var(~literal).negated()
         return found
 
+    def positive(self, literal: Literal) -> Literal:
+        """Return a literal without a negation that is worth the same."""
+        if literal >= 0:
+            return literal
+        found = self.boolean()
+        self.clause([~found, literal])
+        self.clause([found, ~literal])
+        return found
+
     def expression(self, lin: Lin) -> Any:
         """Return the OR-Tools expression of ``lin``."""
         if not lin.terms:

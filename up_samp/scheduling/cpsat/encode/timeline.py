@@ -138,7 +138,9 @@ class NumericTimeline:
             store.model.add_reservoir_constraint_with_active(
                 [store.affine(w.time) for w in writes],
                 [w.value.const for w in writes],
-                [store.raw(w.active) for w in writes],
+                # a negated literal there makes OR-Tools 9.15 take right solutions for wrong ones,
+                # and end the process
+                [store.raw(store.positive(w.active)) for w in writes],
                 low - initial,
                 high - initial,
             )
