@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -420,7 +421,8 @@ class Executor(Followed):
             told = [pose_at(drive.path, progress) for drive in drives or beside(life, here)]
         else:
             told = [p.frame.of(pose) for p in drives or rests or life.pieces[:1]]
-        far = [(away(at, pose_in(state, p), life.body), at) for at in told for p in rests]
+        pairs = itertools.product(told, rests)
+        far = [(away(at, pose_in(state, p), life.body), at) for at, p in pairs]
         least, at = min(far, default=(0.0, told[0]))
         astray, near = Strayed(at, least, state.now), least <= self._near(robot)
         if way is not None:

@@ -220,8 +220,10 @@ def contacts_of(record: dict[str, Any]) -> list[Contact]:
             high = max(low, high)
             times = [
                 hits_body(p, a.track, q, b.track, low, high)
-                for p in (shapes[one], *filter(None, (a.between,)))
-                for q in (shapes[other], *filter(None, (b.between,)))
+                for p, q in itertools.product(
+                    (shapes[one], *filter(None, (a.between,))),
+                    (shapes[other], *filter(None, (b.between,))),
+                )
             ]
             hits = [time for time in times if time is not None]
             if hits:

@@ -91,9 +91,8 @@ def later(message: Message) -> Message:
     """Return a message in the words of version 3.0: other names, and no ends of edges."""
     found: Message = {**_renamed(message, LATER_WORDS), "version": LATER}
     found["timestamp"] = message["timestamp"].replace(".00Z", ".000Z")
-    for edge in found.get("edges", ()):
-        for key in _GONE:
-            edge.pop(key, None)
+    for edge, key in itertools.product(found.get("edges", ()), _GONE):
+        edge.pop(key, None)
     return found
 
 

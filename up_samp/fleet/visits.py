@@ -215,7 +215,8 @@ def moves_needed(visits: list[Visit], successions: Successions) -> dict[tuple[st
     No schedule needs more: each drive leads from one visit to the next one, and each visit is made
     once.
     """
-    follows = [(a, b) for a in visits for b in visits if successions.possible(a, b)]
+    pairs = itertools.product(visits, repeat=2)
+    follows = [pair for pair in pairs if successions.possible(*pair)]
     leave: dict[tuple[str, str], set[Visit]] = {}
     reach: dict[tuple[str, str], set[Visit]] = {}
     for a, b in follows:

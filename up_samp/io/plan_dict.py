@@ -106,7 +106,7 @@ def with_minor(plan: PlanDict) -> PlanDict:
         "margin" in plan,
         "localisation" in said,
         "bound_kind" in plan,
-        any(k in o for o in plan.get("objects", ()) for k in ("localisation", "latency")),
+        any({"localisation", "latency"} & o.keys() for o in plan.get("objects", ())),
     )
     known = plan.get("minor", 0)
     minor = max(known, *(k for k, there in enumerate(brought, start=1) if there), 0)

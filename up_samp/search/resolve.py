@@ -378,8 +378,7 @@ def begin_soon(search: Search, plan: Incumbent) -> Incumbent | None:
     manager = problem.environment.expression_manager
     goals = {
         manager.LE(a.start, old[a.name][0] - more): 1
-        for a in problem.activities
-        for more in _SLACK
+        for a, more in itertools.product(problem.activities, _SLACK)
         if more <= old.get(a.name, (-1, -1))[0]
     }
     _prefer(problem, goals, plan.schedule.makespan)

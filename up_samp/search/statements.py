@@ -403,15 +403,14 @@ def _place(facts: Facts, members: list[tuple[str, str]], name: str, why: str) ->
     inside = set(members)
     always: dict[int, set[str]] = {0: set(), -1: set()}
     decided: dict[int, set[tuple[str, str, str]]] = {0: set(), -1: set()}
-    for task in facts.snapshot.tasks:
-        for which in always:
-            for place, variable in places_of(facts, task, which).items():
-                if (task.object, place) not in inside:
-                    continue
-                if variable is None:
-                    always[which].add(task.activity)
-                else:
-                    decided[which].add((task.activity, variable, place))
+    for task, which in product(facts.snapshot.tasks, always):
+        for place, variable in places_of(facts, task, which).items():
+            if (task.object, place) not in inside:
+                continue
+            if variable is None:
+                always[which].add(task.activity)
+            else:
+                decided[which].add((task.activity, variable, place))
     taken = any(facts.snapshot.initial[name] == place for name, place in members)
     told = rules.unary_place(name, always[-1], always[0], taken, decided[0], decided[-1])
     return replace(told, why=why)

@@ -319,15 +319,14 @@ def surely_there(facts: Facts, service: MotionService) -> Where:
     """
     snapshot = facts.snapshot
     found: dict[MotionTask, dict[str, str]] = {}
-    for thing, then in _once_and_for_all(facts):
-        for driver in sorted(facts.drivers):
-            tasks = snapshot.by_object[driver]
-            if any(t.kind is not TermKind.CONSTANT for task in tasks for t in task.terms):
-                continue
-            shut = [task for task in tasks if _is_shut(facts, service, task, thing)]
-            behind = _from_behind(snapshot, driver, tasks, shut)
-            for task in (*behind, *(t for t in shut if thing in (t.static or ()))):
-                found.setdefault(task, {})[thing] = then
+    for (thing, then), driver in itertools.product(_once_and_for_all(facts), sorted(facts.drivers)):
+        tasks = snapshot.by_object[driver]
+        if any(t.kind is not TermKind.CONSTANT for task in tasks for t in task.terms):
+            continue
+        shut = [task for task in tasks if _is_shut(facts, service, task, thing)]
+        behind = _from_behind(snapshot, driver, tasks, shut)
+        for task in (*behind, *(t for t in shut if thing in (t.static or ()))):
+            found.setdefault(task, {})[thing] = then
     return found
 
 

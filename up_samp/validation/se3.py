@@ -309,12 +309,13 @@ def prism(shape: JudgedShape, bottom: float) -> Solid:
     corners, after = shape.corners, np.roll(shape.corners, -1, axis=0)
     caps = shapely.get_parts(shapely.constrained_delaunay_triangles(shapely.Polygon(corners)))
     triangles = []
-    for level in (bottom, shape.height):
-        for cap in caps:
-            flat = shapely.get_coordinates(cap)[:3]
-            triangles.append(np.column_stack((flat, np.full(3, level))))
+    for level, cap in itertools.product((bottom, shape.height), caps):
+        flat = shapely.get_coordinates(cap)[:3]
+        triangles.append(np.column_stack((flat, np.full(3, level))))
     for a, b in zip(corners, after, strict=True):
-        low_a, low_b, high_a, high_b = ((*p, z) for z in (bottom, shape.height) for p in (a, b))
+        low_a, low_b, high_a, high_b = (
+            (*p, z) for z, p in itertools.product((bottom, shape.height), (a, b))
+        )
         triangles += [np.array([low_a, low_b, high_b]), np.array([low_a, high_b, high_a])]
     return Solid(shape.name, np.array(triangles), True)
 

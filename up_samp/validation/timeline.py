@@ -7,6 +7,7 @@ The rules that are numbered in comments are those of ``docs/semantics.md``.
 from __future__ import annotations
 
 import enum
+import itertools
 import math
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
@@ -158,7 +159,8 @@ def combinations(variables: Any, objects: Mapping[str, tuple[str, ...]]) -> list
     found: list[dict[str, Value]] = [{}]
     for variable in variables:
         values = domain(variable.type, objects)
-        found = [{**old, variable.name: value} for old in found for value in values]
+        pairs = itertools.product(found, values)
+        found = [{**old, variable.name: value} for old, value in pairs]
     return found
 
 

@@ -77,9 +77,9 @@ def door_sequence(
     for key in starts:
         form.robot(places[key])
     stops = [form.door(leaf).button for leaf in floor.doors]
-    for robot in form.robots:
-        for origin, to in itertools.permutations([*stops, *places.values()], 2):
-            form.move(robot, origin, to)
+    ways = itertools.permutations([*stops, *places.values()], 2)
+    for robot, (origin, to) in itertools.product(form.robots, ways):
+        form.move(robot, origin, to)
     form.openings()
     for r, robot in enumerate(form.robots):
         arriving = robot.moves_to([places[f"robot{r}_goal"]])

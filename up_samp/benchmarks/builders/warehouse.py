@@ -98,9 +98,9 @@ def store(robots: int) -> WarehouseLayout:
     blocks = [(x, y, x + SHELF[0], y + SHELF[1]) for x, y in itertools.product(lefts, lows)]
     slots = [
         (round(x + SHELF[0] + aisle / 2, 2), round(y + share * SHELF[1], 2), math.pi / 2)
-        for x, aisle in zip(lefts[:-1], aisles, strict=True)
-        for y in lows
-        for share in (0.25, 0.75)
+        for (x, aisle), y, share in itertools.product(
+            zip(lefts[:-1], aisles, strict=True), lows, (0.25, 0.75)
+        )
     ]
     stands = max(2, robots // 2)
     return WarehouseLayout(

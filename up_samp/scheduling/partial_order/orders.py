@@ -421,13 +421,13 @@ def _in_order(planned: Planned, key: Expr, writes: list[_Write]) -> Iterator[Ord
     """Changes of one fluent at different instants happen in the plan's order."""
     instants = sorted({w.time for w in writes})
     for one, two in itertools.pairwise(instants):
-        for w in (w for w in writes if w.time == one):
-            for v in (v for v in writes if v.time == two):
-                lag = w.delay - v.delay + 1
-                if _matter(planned, w.point, v.point, lag):
-                    need = _dense(w.point, v.point, lag)
-                    why = f"{_who(w)} sets {show(key)} before {_who(v)} does"
-                    yield OrderConstraint(need, "fluent", why)
+        first, then = ([w for w in writes if w.time == time] for time in (one, two))
+        for w, v in itertools.product(first, then):
+            lag = w.delay - v.delay + 1
+            if _matter(planned, w.point, v.point, lag):
+                need = _dense(w.point, v.point, lag)
+                why = f"{_who(w)} sets {show(key)} before {_who(v)} does"
+                yield OrderConstraint(need, "fluent", why)
 
 
 def _who(write: _Write) -> str:

@@ -4,6 +4,7 @@ that are borrowed, levels that rise and fall).
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -393,12 +394,8 @@ class Timeline:
             return False
         if any(w.owner is None for w in writes):
             return False
-        arcs = sum(
-            self._possible(i, j)
-            for j in range(len(writes))
-            for i in range(-1, len(writes))
-            if i != j
-        )
+        pairs = itertools.product(range(-1, len(writes)), range(len(writes)))
+        arcs = sum(self._possible(i, j) for i, j in pairs if i != j)
         return arcs <= 60_000  # beyond that only pairs are ordered
 
     def _circuit(self) -> None:

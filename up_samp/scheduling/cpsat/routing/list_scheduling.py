@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import random
 from dataclasses import dataclass, field
@@ -67,10 +68,9 @@ class Decoder:
         """What all that was timed needs of states that are set back, by the clock."""
         self.left: dict[UnitPlace, int] = {}
         self.inside: dict[UnitPlace, int] = {}
-        for number, robot in enumerate(self.robots):
-            for unit in work.units:
-                if robot.here in unit.places_of(robot.route.key):
-                    self.inside[unit] = number
+        for (number, robot), unit in itertools.product(enumerate(self.robots), work.units):
+            if robot.here in unit.places_of(robot.route.key):
+                self.inside[unit] = number
         self.own = [state.initial for state in work.own]
         self._chosen: dict[int, int] = {}
 
