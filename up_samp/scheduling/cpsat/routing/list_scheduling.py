@@ -178,13 +178,12 @@ class Decoder:
         again = True
         while again:
             again = False
-            for key, _, delay in task.changes:
-                for begin, end, still in self.legs:
-                    if key not in still:
-                        continue
-                    first, last = still[key]
-                    if begin + first < start + delay < end + last:
-                        start, again = end + last - delay, True
+            for (key, _, delay), (begin, end, still) in itertools.product(task.changes, self.legs):
+                if key not in still:
+                    continue
+                first, last = still[key]
+                if begin + first < start + delay < end + last:
+                    start, again = end + last - delay, True
         return start
 
     def _provided(self, number: int, entry: Entrance, depth: int) -> int | None:

@@ -275,11 +275,11 @@ def _shut(programme: Programme, ways: TravelTables, place: int, latest: int) -> 
     has come to a place: what opens the way there, if it cannot be later.
     """
     route, bits = ways.route, 0
-    for entry in route.entries_to(place):
-        for number, task in enumerate(programme.tasks):
-            delays = [d for k, _, d in task.changes if k == entry.state]
-            if task.opens == entry.state and delays[0] > latest + route.step - entry.lead:
-                bits |= 1 << number
+    every = enumerate(programme.tasks)
+    for entry, (number, task) in itertools.product(route.entries_to(place), every):
+        delays = [d for k, _, d in task.changes if k == entry.state]
+        if task.opens == entry.state and delays[0] > latest + route.step - entry.lead:
+            bits |= 1 << number
     return bits
 
 
