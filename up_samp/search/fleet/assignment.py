@@ -124,13 +124,16 @@ class Assignment:
 
     def _stops(self, robot: str) -> list[tuple[int, Configuration]]:
         """Return where a robot works on its tour, with the number of the job. Who may have two jobs
-        under way fetches for the second one before it brings the first one, where that is sooner.
+        under way fetches for the second one before it brings the first one, where that is sooner
+        and neither is done by a crew, which does nothing else in between.
         """
         found, ride = list[tuple[int, Configuration]](), partial(self.guess.ride, robot)
         some, paired = [self.jobs.options[j][k] for j, k in self.tours[robot]], False
+        crews = self.jobs.crews
         for number, option in enumerate(some):
             mine, before = option.stops, some[number - 1].stops if number else []
-            free = robot in self.guess.duties.loads and not paired
+            jobs = {j for j, _ in self.tours[robot][max(number - 1, 0) : number + 1]}
+            free = robot in self.guess.duties.loads and not paired and jobs.isdisjoint(crews)
             if paired := free and len(mine) == len(before) == 2:
                 ways = (before + mine, [before[0], mine[0], before[1], mine[1]])
                 apart, together = (sum(starmap(ride, pairwise(way))) for way in ways)
