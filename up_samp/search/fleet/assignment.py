@@ -87,8 +87,7 @@ class Assignment:
     def _waits(self, robot: str, some: Sequence[WorkMode]) -> Iterator[tuple[float, int]]:
         """Yield how much longer (s) than for the way to where a robot is at first, and on from
         there, it waits until its next job is released, and the number of the job after which it
-        does: for ever (``inf``) after the last one, if it may end anywhere. (Only that is told of
-        who may have several jobs under way.)
+        does: for ever (``inf``) after the last one, if it may end anywhere.
         """
         snapshot, ride, done = self.guess.snapshot, self.guess.ride, 0.0
         home = here = snapshot.configurations[snapshot.initial[robot]]
@@ -96,7 +95,7 @@ class Assignment:
             came = done + ride(robot, here, option.entry)
             begin = max(came, option.release * snapshot.seconds_per_unit)
             left = begin - done - ride(robot, here, home) - ride(robot, home, option.entry)
-            if number and left > 0.0 and robot not in self.guess.duties.loads:
+            if number and left > 0.0:
                 yield left, number - 1
             done = begin + option.work + self.guess.pause(option)
             done += sum(ride(robot, a, b) for a, b in option.legs)
