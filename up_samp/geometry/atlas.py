@@ -200,15 +200,15 @@ def _check_apart(snapshot: Snapshot, grids: Sequence[OccupancyGrid]) -> None:
                 "the frame of one of them a height (an SE3 with z) if they are floors, or use one "
                 "map for both"
             )
-        for a, b in ((i, j), (j, i)):
-            for name, (owner, radius) in reach.items():
-                spot = shapely.Point(snapshot.configurations[name][:2])
-                if snapshot.map_of[name] == a and spot.distance(grounds[b]) <= radius:
-                    raise UnsupportedError(
-                        f"object '{owner}' at '{name}', a configuration on map "
-                        f"{snapshot.maps[a].label}, may reach onto map {snapshot.maps[b].label} "
-                        "beside it: state both as one map"
-                    )
+        pairs = itertools.product(((i, j), (j, i)), reach.items())
+        for (a, b), (name, (owner, radius)) in pairs:
+            spot = shapely.Point(snapshot.configurations[name][:2])
+            if snapshot.map_of[name] == a and spot.distance(grounds[b]) <= radius:
+                raise UnsupportedError(
+                    f"object '{owner}' at '{name}', a configuration on map "
+                    f"{snapshot.maps[a].label}, may reach onto map {snapshot.maps[b].label} "
+                    "beside it: state both as one map"
+                )
 
 
 def _resting_reach(snapshot: Snapshot) -> Mapping[str, tuple[str, float]]:

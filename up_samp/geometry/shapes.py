@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from itertools import starmap
+from itertools import product, starmap
 
 import numpy as np
 import numpy.typing as npt
@@ -71,7 +71,8 @@ class Shape:
         slack = np.array([0.0, 0.0, *_slacks(self.grain or self.margin, self.inner[2])])
         # level 0 is the bare footprint, level 1 has the margin, the others margin and slack
         wider = [0.0, *(self.margin + slack[1:])]
-        verts, counts = padded([_inflate(part, by) for by in wider for part in self.parts])
+        pairs = product(wider, self.parts)
+        verts, counts = padded([_inflate(part, by) for by, part in pairs])
         shape = (len(wider), len(self.parts))
         verts, counts = verts.reshape(*shape, -1, 2), counts.reshape(shape)
         discs, radius = np.ascontiguousarray(self.discs), float(self.circumscribed)

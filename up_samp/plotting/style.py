@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -188,31 +189,30 @@ def drawn(ax: Axes) -> None:
 
 
 def _place(ax: Axes, label: PlacedLabel, taken: Sequence[Bbox], frame: Bbox) -> Annotation | None:
-    for distance in (3, 8, 14, 22, 32, 44):
-        for right, up, across, along in _PLACES:
-            note = ax.annotate(
-                label.text,
-                (label.x + right * label.half[0], label.y + up * label.half[1]),
-                xytext=(right * distance, up * distance),
-                textcoords="offset points",
-                ha=across,
-                va=along,
-                fontsize=8.0,
-                fontweight="bold" if label.bold else "normal",
-                color=label.color,
-                zorder=9,
-                bbox={"boxstyle": "round,pad=0.15", "fc": "#FFFFFFD0", "ec": "none"},
-                arrowprops={"arrowstyle": "-", "color": label.color, "lw": 0.6}
-                if distance > 14
-                else None,
-            )
-            note.set_annotation_clip(False)
-            box = _box(note)
-            inside = frame.x0 <= box.x0 and box.x1 <= frame.x1
-            inside = inside and frame.y0 <= box.y0 and box.y1 <= frame.y1
-            if inside and not any(box.overlaps(other) for other in taken):
-                return note
-            note.remove()
+    for distance, (right, up, across, along) in product((3, 8, 14, 22, 32, 44), _PLACES):
+        note = ax.annotate(
+            label.text,
+            (label.x + right * label.half[0], label.y + up * label.half[1]),
+            xytext=(right * distance, up * distance),
+            textcoords="offset points",
+            ha=across,
+            va=along,
+            fontsize=8.0,
+            fontweight="bold" if label.bold else "normal",
+            color=label.color,
+            zorder=9,
+            bbox={"boxstyle": "round,pad=0.15", "fc": "#FFFFFFD0", "ec": "none"},
+            arrowprops={"arrowstyle": "-", "color": label.color, "lw": 0.6}
+            if distance > 14
+            else None,
+        )
+        note.set_annotation_clip(False)
+        box = _box(note)
+        inside = frame.x0 <= box.x0 and box.x1 <= frame.x1
+        inside = inside and frame.y0 <= box.y0 and box.y1 <= frame.y1
+        if inside and not any(box.overlaps(other) for other in taken):
+            return note
+        note.remove()
     return None
 
 

@@ -190,13 +190,12 @@ def _offsets(
 ) -> list[tuple[Configuration, Term]]:
     """Return the poses of ``others`` in the frame of ``base``, for all that these may be."""
     found: list[tuple[Configuration, Term]] = []
-    for one in _names(base, floor):
-        for other in others:
-            for name in _names(other, floor):
-                frame, pose = floor.configurations[one], floor.configurations[name]
-                if abs(floor.heights.get(one, 0.0) - floor.heights.get(name, 0.0)) > SAME:
-                    continue
-                found.append((Frame(*frame).seen(pose), Term(TermKind.CONSTANT, name)))
+    named = itertools.chain.from_iterable(_names(other, floor) for other in others)
+    for one, name in itertools.product(_names(base, floor), named):
+        frame, pose = floor.configurations[one], floor.configurations[name]
+        if abs(floor.heights.get(one, 0.0) - floor.heights.get(name, 0.0)) > SAME:
+            continue
+        found.append((Frame(*frame).seen(pose), Term(TermKind.CONSTANT, name)))
     return list(dict.fromkeys(found))
 
 

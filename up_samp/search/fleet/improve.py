@@ -91,6 +91,9 @@ def plan_tours(
             return tours, found
         tours.learn_ways_past(deadline)
         found = squeaky_wheel(tours, random.Random(search.seed), deadline)
+        if found is None:
+            tours.set_off_later()
+            found = squeaky_wheel(tours, random.Random(search.seed), deadline)
         if found is None and _whole(tours, deadline):
             found = tours.decided()
     return None if found is None else (tours, found)

@@ -36,6 +36,7 @@ from up_samp.model import (
     same_pose,
 )
 from up_samp.model.arrays import FloatArray
+from up_samp.model.graphs import reached
 from up_samp.motion.fleet.paths import Path, path_of
 from up_samp.motion.fleet.reservations import ReservationTable
 from up_samp.motion.fleet.timed_path import TimedPath, natural_timing, run_of
@@ -130,6 +131,21 @@ class TourPlanner:
                     apart = None
                 if name not in self._contested:
                     apart = then
+
+    def set_off_later(self) -> None:
+        """Let who would wait for others where somebody has to come by set off only once their
+        motions are decided, unless these wait for it in turn: so it comes there after them.
+        """
+        before = {b: {a} for chain in self._chains.values() for a, b in itertools.pairwise(chain)}
+
+        def waits_for(name: str) -> set[str]:
+            return self._others[name] | before.get(name, set())
+
+        pairs = (pair for c in self._chains.values() for pair in itertools.pairwise(reversed(c)))
+        for then, name in pairs:
+            for other in sorted(self._others[then] if name in self._contested else ()):
+                if name not in reached([other], waits_for):
+                    self._others[name] = self._others[name] | {other}
 
     def schedule(self) -> CandidateSchedule:
         """Return the candidate with the times that its motions need."""

@@ -218,9 +218,8 @@ class Decoder:
         moments |= {
             t + 1 - n[2] for n in self._needs(name, 0, 0) for t, _ in self.changed.get(n[0], ())
         }
-        moments |= {
-            n[3] + 1 - delay for key, _, delay in changes for n in self.asked if n[0] == key
-        }
+        pairs = itertools.product(changes, self.asked)
+        moments |= {n[3] + 1 - delay for (key, _, delay), n in pairs if n[0] == key}
 
         def fits(at: int) -> bool:
             more = [(key, value, at + delay) for key, value, delay in changes]
