@@ -1,4 +1,4 @@
-"""Fleets with a draw of what may be asked of them, in any listing."""
+"""Fleets with a draw of what may be asked of them."""
 
 import random
 
@@ -56,11 +56,8 @@ def _add_orders(fleet, docks, rng, some):
     how = rng.choice(("delivery", "pickup", "both", "release"))
     before = None
     for k in range(rng.randint(8, 16)):
-        pickup, delivery, asked = (
-            {"at": rng.choice("abc")},
-            {"at": f"dock{rng.randrange(docks)}"},
-            {},
-        )
+        pickup, delivery = {"at": rng.choice("abc")}, {"at": f"dock{rng.randrange(docks)}"}
+        asked = {}
         opens = 30 + gap * k
         if "slots" in some and rng.random() < 0.7:
             if how in ("delivery", "both"):

@@ -309,9 +309,10 @@ def candidate_of(
     deadline: Deadline,
     start: CandidateSchedule | None = None,
 ) -> tuple[Search, Itinerary] | None:
-    """Return a search on the problem thinned to an assignment, and its candidate: with what it
-    takes for who has to charge, or with all that may be done beside where nothing comes of that, or
-    where there are doors: nobody knows yet who opens them, and has to charge for that.
+    """Return a search on the problem thinned to an assignment, and its candidate: with the drives
+    of its tours alone where nobody does anything beside; with what it takes for who has to charge;
+    or with all that may be done beside where nothing comes of that, or where there are doors:
+    nobody knows yet who opens them, and has to charge for that.
 
     :param start: what the scheduler begins from, so that of drives that are alike its are made.
     """

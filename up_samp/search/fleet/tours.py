@@ -136,16 +136,17 @@ class TourPlanner:
         """Let who would wait for others where somebody has to come by set off only once their
         motions are decided, unless these wait for it in turn: so it comes there after them.
         """
-        before = {b: {a} for chain in self._chains.values() for a, b in itertools.pairwise(chain)}
-
-        def waits_for(name: str) -> set[str]:
-            return self._others[name] | before.get(name, set())
-
-        pairs = (pair for c in self._chains.values() for pair in itertools.pairwise(reversed(c)))
-        for then, name in pairs:
-            for other in sorted(self._others[then] if name in self._contested else ()):
-                if name not in reached([other], waits_for):
-                    self._others[name] = self._others[name] | {other}
+        chains = self._chains.values()
+        waiting = {a: {b} for chain in chains for a, b in itertools.pairwise(chain)}
+        for name, others in self._others.items():
+            for other in others:
+                waiting.setdefault(other, set()).add(name)
+        for then, name in itertools.chain(*(itertools.pairwise(reversed(c)) for c in chains)):
+            if name in self._contested:
+                behind = reached([name], lambda one: waiting.get(one, ()))
+                for other in self._others[then] - self._others[name] - behind:
+                    self._others[name].add(other)
+                    waiting.setdefault(other, set()).add(name)
 
     def schedule(self) -> CandidateSchedule:
         """Return the candidate with the times that its motions need."""
